@@ -1,0 +1,1 @@
+//! evac-grid-exporter

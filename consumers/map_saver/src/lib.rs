@@ -1,0 +1,1 @@
+//! evac-map-saver

@@ -1,0 +1,1 @@
+//! OctoMap `.ot` and `.bt`.

@@ -1,0 +1,21 @@
+//! The fixed layouts that cross shared memory between evac's processes, and nothing else.
+//!
+//! Every type is `#[repr(C)]` and [`bytemuck::Pod`], which forbids hidden padding: each bit is defined when it is
+//! recorded, compared or read from another language. A layout is changed by giving it a new version in its
+//! [`Layout::NAME`]; two builds that disagree refuse each other by [`layout_hash`].
+//!
+//! Conventions, everywhere: SI units, `f64` for state and `f32` for points, times as integer nanoseconds (`i64`),
+//! quaternions in the order x, y, z, w (as in ROS), transforms named `pose_map_from_lidar` (maps LiDAR
+//! coordinates to map coordinates).
+
+mod health;
+mod layout;
+mod map;
+mod pose;
+mod scan;
+
+pub use health::{Ack, Health, LatencySummary, StageState};
+pub use layout::{Field, Layout, layout_hash};
+pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};
+pub use pose::{PoseFrame, TrackingState};
+pub use scan::{FrameHeader, ImuSample, Point, ScanHeader, frame_flags, scan_flags};

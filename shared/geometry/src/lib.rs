@@ -1,0 +1,17 @@
+//! Rigid motions, the rig's extrinsic, interpolation and IMU integration. Pure mathematics: no IPC, no clock.
+//!
+//! A transform `map_from_lidar` takes LiDAR coordinates to map coordinates, so products read from right to left:
+//! `map_from_imu * imu_from_lidar = map_from_lidar`.
+
+mod extrinsic;
+mod pose;
+
+pub use extrinsic::{imu_from_lidar, rotation_from_euler};
+pub use nalgebra;
+pub use pose::{
+    Interpolation, exp_so3, interpolate, isometry, log_so3, map_from_imu, map_from_lidar, set_map_from_imu,
+    set_map_from_lidar, skew,
+};
+
+/// Standard gravity, m/s^2 (CGPM 1901); the norm every estimate of gravity is held to.
+pub const STANDARD_GRAVITY: f64 = 9.806_65;

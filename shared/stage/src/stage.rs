@@ -1,0 +1,77 @@
+//! The contract of a processor or consumer.
+
+use serde::{Serialize, de::DeserializeOwned};
+
+use crate::Rig;
+
+/// A stage: a pure function of its inputs and its own state. It sees plain slices, never shared memory, clocks or files
+/// (sinks excepted, whose work is files).
+pub trait Stage: Sized {
+    /// Name of the kind, for example `deskewer`.
+    const NAME: &'static str;
+    /// Typed configuration with every default in sight.
+    type Config: StageConfig;
+    /// What `process` is called with; see the types in [`crate::input`](crate).
+    type Input<'a>;
+    /// What `process` writes to.
+    type Output;
+
+    /// Builds the stage; allocates everything it will need.
+    ///
+    /// # Errors
+    /// [`StageError::Config`] for values that do not fit together or with the rig.
+    fn new(config: Self::Config, rig: &Rig) -> Result<Self, StageError>;
+
+    /// Handles one frame. After warm-up it neither allocates nor locks.
+    ///
+    /// # Errors
+    /// Only what makes going on pointless; bad data is dropped, counted and not an error.
+    fn process(
+        &mut self,
+        input: Self::Input<'_>,
+        output: &mut Self::Output,
+        counters: &mut Counters,
+    ) -> Result<(), StageError>;
+
+    /// Called once after the last frame or on SIGTERM; sinks finish their files here.
+    ///
+    /// # Errors
+    /// As `process`.
+    fn finish(&mut self) -> Result<(), StageError> {
+        Ok(())
+    }
+}
+
+/// Configuration of a stage: what `[[stage]]` tables of a pipeline file are parsed into.
+pub trait StageConfig: Default + Serialize + DeserializeOwned {
+    /// Checks ranges that types cannot express.
+    ///
+    /// # Errors
+    /// One sentence naming the key, its value, the allowed range and what to try.
+    fn check(&self) -> Result<(), String>;
+}
+
+/// What a stage counts while it works; published in its health report.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Counters {
+    /// Frames that came too late to be used.
+    pub late: u64,
+    /// Frames dropped or passed on unprocessed by decision of the stage.
+    pub degraded: u64,
+    /// Points dropped inside frames: not finite or out of range.
+    pub rejected: u64,
+}
+
+/// Why a stage cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum StageError {
+    /// Values that do not fit together.
+    #[error("configuration: {0}")]
+    Config(String),
+    /// A file could not be read or written; the text names file, cause and remedy.
+    #[error("{0}")]
+    File(String),
+    /// An output could not be published.
+    #[error("publishing: {0}")]
+    Output(String),
+}

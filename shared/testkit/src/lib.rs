@@ -1,0 +1,7 @@
+//! What tests share.
+
+mod allocations;
+mod data;
+
+pub use allocations::{CountingAllocator, count_allocations};
+pub use data::data;
