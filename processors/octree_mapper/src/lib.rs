@@ -1,1 +1,22 @@
-//! evac-octree-mapper
+//! Joins deskewed scans with their poses, filters them (paper section 3.1) and keeps the global map of key frames in an
+//! octree with OctoMap's semantics (paper section 3.2, Eq. 7-10).
+
+mod bounds;
+mod check;
+mod cloud;
+mod config;
+mod ground;
+mod key_frame;
+mod mapper;
+mod outliers;
+#[cfg(test)]
+mod synthetic;
+
+pub use cloud::{CloudMap, map_of_cloud, remove_ground};
+pub use config::{
+    BoundsConfig, GroundConfig, KeyFrameConfig, OccupancyConfig, OctreeMapperConfig, OutlierConfig,
+};
+pub use ground::GroundFilter;
+pub use key_frame::KeyFrames;
+pub use mapper::OctreeMapper;
+pub use outliers::RadiusOutlierFilter;

@@ -1,1 +1,25 @@
-//! evac-simulator
+//! Walks that never happened: box worlds, a Livox Mid-40 and a WIT Motion WT901C, with the truth.
+//!
+//! ```
+//! use evac_simulator::{Config, simulate};
+//!
+//! let config = Config { seed: 7, duration_s: Some(0.5), ..Config::default() };
+//! let frames: Vec<_> = simulate(&config, &evac_stage::Rig::default())?.collect();
+//! assert_eq!((frames.len(), frames[0].points.len(), frames[0].imu.len()), (5, 10_000, 21));
+//! # Ok::<(), evac_stage::StageError>(())
+//! ```
+
+mod config;
+mod mid40;
+mod random;
+mod source;
+mod trajectory;
+mod walk;
+mod world;
+mod wt901c;
+
+pub use config::{Config, WorldKind};
+pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, SHOTS_PER_FRAME, SHOTS_PER_SECOND, direction};
+pub use source::Simulator;
+pub use walk::{FRAME_NS, Frame, Frames, Walk, simulate};
+pub use wt901c::{ACCEL_LSB, GYRO_LSB, SAMPLE_NS};

@@ -1,5 +1,9 @@
 //! Pipeline files and rig files (TOML), parsed into types that cannot hold nonsense.
 
+mod error;
+mod pipeline;
 mod rig;
 
-pub use rig::{ImuFromLidar, Rig};
+pub use error::ConfigError;
+pub use pipeline::{Mode, Pipeline, StageEntry};
+pub use rig::{ImuFromLidar, Rig, RigFile};

@@ -1,7 +1,11 @@
 //! The rig: where the sensors sit. Extrinsics live here once and nowhere else.
 
+use std::path::Path;
+
 use evac_geometry::nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
+
+use crate::ConfigError;
 
 /// The `[rig]` table of a pipeline file, or a rig file of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -29,5 +33,42 @@ impl Rig {
     pub fn imu_from_lidar(&self) -> Isometry3<f64> {
         let ImuFromLidar { translation_m, roll_pitch_yaw_deg } = self.imu_from_lidar;
         evac_geometry::imu_from_lidar(translation_m, roll_pitch_yaw_deg)
+    }
+
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let ImuFromLidar { translation_m, roll_pitch_yaw_deg } = self.imu_from_lidar;
+        if !translation_m.iter().all(|t| t.is_finite() && t.abs() <= 10.0) {
+            return Err(format!(
+                "rig.imu_from_lidar.translation_m = {translation_m:?} must be finite metres, at most 10"
+            ));
+        }
+        if !roll_pitch_yaw_deg.iter().all(|a| a.is_finite() && a.abs() <= 360.0) {
+            return Err(format!(
+                "rig.imu_from_lidar.roll_pitch_yaw_deg = {roll_pitch_yaw_deg:?} must be degrees within +-360"
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A rig file: one `[rig]` table.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigFile {
+    /// The rig.
+    pub rig: Rig,
+}
+
+impl RigFile {
+    /// Reads a rig file.
+    ///
+    /// # Errors
+    /// [`ConfigError`] with the place in the file.
+    pub fn read(path: &Path) -> Result<Rig, ConfigError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|cause| ConfigError::Read { path: path.to_owned(), cause })?;
+        let file: Self = toml::from_str(&text).map_err(|cause| ConfigError::toml(path, &text, &cause))?;
+        file.rig.check().map_err(|cause| ConfigError::value(path, cause))?;
+        Ok(file.rig)
     }
 }

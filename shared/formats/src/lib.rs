@@ -1,8 +1,21 @@
 //! File and wire formats: bytes in, typed values out, and back. No IPC, no clock. No parser panics on any bytes.
 
 mod atomic_file;
+pub mod cloud;
 mod error;
+mod lines;
+pub mod livox_sdk1;
+pub mod occupancy_grid;
 pub mod octomap;
+pub mod pcap;
+pub mod pcd;
+pub mod ply;
+pub mod rgb_image;
+pub mod tum;
+pub mod ros1;
+pub mod rosbag;
+mod utc;
+pub mod wt901c;
 
 pub use atomic_file::write_atomically;
 pub use error::FormatError;

@@ -73,10 +73,10 @@ frame! {
         pub epoch: u32,
         /// See [`StageState`].
         pub state: u32,
-        /// 1 if at least one input is a numbered stream of scans.
-        pub has_input: u32,
         /// Always zero.
-        pub reserved: u64,
+        pub reserved: u32,
+        /// Frames that will come in all; 0 where it is not known.
+        pub total: u64,
     }
 }
 

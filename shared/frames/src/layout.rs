@@ -14,7 +14,7 @@ pub struct Field {
 }
 
 /// A fixed layout with a versioned name, for example `evac.Point.v1`.
-pub trait Layout: bytemuck::Pod {
+pub trait Layout: bytemuck::Pod + std::fmt::Debug {
     /// Versioned name; a changed layout gets a new version.
     const NAME: &'static str;
     /// The fields in memory order.

@@ -4,14 +4,18 @@
 //! `map_from_imu * imu_from_lidar = map_from_lidar`.
 
 mod extrinsic;
+mod imu_integration;
 mod pose;
+mod standstill;
 
 pub use extrinsic::{imu_from_lidar, rotation_from_euler};
+pub use imu_integration::{ImuCoverage, ImuIntegrator, ImuKnot, ImuState};
 pub use nalgebra;
 pub use pose::{
     Interpolation, exp_so3, interpolate, isometry, log_so3, map_from_imu, map_from_lidar, set_map_from_imu,
     set_map_from_lidar, skew,
 };
+pub use standstill::{MotionState, Standstill, StandstillDetector, StandstillLimits};
 
 /// Standard gravity, m/s^2 (CGPM 1901); the norm every estimate of gravity is held to.
 pub const STANDARD_GRAVITY: f64 = 9.806_65;

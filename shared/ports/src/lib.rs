@@ -1,1 +1,24 @@
-//! evac-ports
+//! Shared-memory services between evac's processes; the only crate that names iceoryx2.
+//!
+//! A [`Bus`] is one process's connection to a [`Domain`]. Every data service has an event service of the same name for
+//! wake-ups: publish, notify, block, drain. All quality-of-service numbers are in [`services`](crate::services).
+
+mod bus;
+mod clock;
+mod domain;
+mod error;
+mod frames_port;
+mod records_port;
+mod requests;
+pub mod services;
+mod wakeup;
+mod wire;
+
+pub use bus::Bus;
+pub use clock::{now_ns, quiet_middleware};
+pub use domain::{Domain, DomainLock};
+pub use error::PortError;
+pub use frames_port::{FramePublisher, FrameSample, FrameSubscriber};
+pub use records_port::{RecordPublisher, RecordSubscriber};
+pub use requests::{RequestReceiver, RequestSender};
+pub use wakeup::{Listener, Wake, wait_on};

@@ -1,17 +1,71 @@
-//! What stages write to: shared memory in a pipeline, plain vectors in tests and benches.
+//! What stages write to: shared memory in a pipeline, plain vectors in tests and benches (`default()`).
 
-use evac_frames::{GridHeader, MapHeader, Point, PoseFrame, ScanHeader, Voxel};
+use evac_frames::{FrameHeader, GridHeader, MapHeader, Point, PoseFrame, ScanHeader, Voxel};
+use evac_ports::services::{
+    Cell, GridPlan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
+};
+use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
 use crate::StageError;
+
+/// An output that the run loop can connect to the bus.
+pub trait StageOutput: Sized {
+    /// Services it writes.
+    const SERVICES: &'static [&'static str];
+    /// Whether no other stage waits for what it writes: the stage then acknowledges each frame, and a lossless source
+    /// paces itself on that.
+    const IS_SINK: bool;
+
+    /// Opens the services.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError>;
+}
+
+fn failed(cause: PortError) -> StageError {
+    StageError::Output(cause.to_string())
+}
+
+/// Marks a header with its writer and the moment of its hand-over.
+fn stamp(frame: &mut FrameHeader, epoch: u32) {
+    frame.epoch = epoch;
+    frame.sent_ns = now_ns();
+}
+
+/// Frames kept in memory instead of shared memory.
+fn keep<H, T>(
+    memory: &mut Vec<(H, Vec<T>)>,
+    newest_only: bool,
+    header: H,
+    len: usize,
+    fill: impl FnMut(usize) -> T,
+) {
+    match memory.last_mut() {
+        Some((kept_header, kept)) if newest_only => {
+            *kept_header = header;
+            kept.clear();
+            kept.extend((0..len).map(fill));
+        }
+        _ => memory.push((header, (0..len).map(fill).collect())),
+    }
+}
 
 /// Where deskewed scans go.
 #[derive(Debug, Default)]
 pub struct ScanOutput {
-    /// What was published, newest last (memory sink).
+    /// What was published, newest last, where no shared memory is connected.
     pub memory: Vec<(ScanHeader, Vec<Point>)>,
+    newest_only: bool,
+    port: Option<(FramePublisher<ScanDeskewed>, u32)>,
 }
 
 impl ScanOutput {
+    /// Keeps only the newest scan in memory and reuses its buffer, so that publishing does not allocate.
+    pub fn newest_only() -> Self {
+        Self { newest_only: true, ..Self::default() }
+    }
+
     /// Publishes a scan of `len` points; `fill(i)` is called once for each index in order and its result written
     /// straight into the loaned memory. `header.points` is set to `len`.
     ///
@@ -25,41 +79,96 @@ impl ScanOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.points = len as u32;
-        self.memory.push((header, (0..len).map(fill).collect()));
-        Ok(())
+        let Some((port, epoch)) = &self.port else {
+            keep(&mut self.memory, self.newest_only, header, len, fill);
+            return Ok(());
+        };
+        let finish = || {
+            stamp(&mut header.frame, *epoch);
+            header
+        };
+        port.publish(len, fill, finish).map_err(failed)
+    }
+}
+
+impl StageOutput for ScanOutput {
+    const SERVICES: &'static [&'static str] = &["scan/deskewed"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
     }
 }
 
 /// Where poses go.
 #[derive(Debug, Default)]
 pub struct PoseOutput {
-    /// What was published, newest last (memory sink).
+    /// What was published, newest last, where no shared memory is connected.
     pub memory: Vec<PoseFrame>,
+    newest_only: bool,
+    port: Option<(RecordPublisher<OdometryPose>, u32)>,
 }
 
 impl PoseOutput {
+    /// Keeps only the newest pose in memory, so that publishing does not allocate.
+    pub fn newest_only() -> Self {
+        Self { newest_only: true, memory: Vec::with_capacity(1), port: None }
+    }
+
     /// Publishes a pose.
     ///
     /// # Errors
     /// [`StageError::Output`] when shared memory cannot be loaned or sent.
     pub fn publish(&mut self, pose: &PoseFrame) -> Result<(), StageError> {
-        self.memory.push(*pose);
-        Ok(())
+        let Some((port, epoch)) = &self.port else {
+            if self.newest_only {
+                self.memory.clear();
+            }
+            self.memory.push(*pose);
+            return Ok(());
+        };
+        let mut pose = *pose;
+        stamp(&mut pose.frame, *epoch);
+        port.publish(&pose).map_err(failed)
+    }
+}
+
+impl StageOutput for PoseOutput {
+    const SERVICES: &'static [&'static str] = &["odometry/pose"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
     }
 }
 
 /// Where map updates and snapshots go.
 #[derive(Debug, Default)]
 pub struct MapOutput {
-    /// Updates published, newest last (memory sink).
+    /// Updates published, newest last, where no shared memory is connected.
     pub memory: Vec<(MapHeader, Vec<Voxel>)>,
-    /// Snapshots published, newest last (memory sink).
+    /// Snapshots published, newest last, where no shared memory is connected.
     pub snapshots: Vec<(MapHeader, Vec<Voxel>)>,
-    /// Lets a test ask for a snapshot (memory sink).
+    /// Lets a test ask for a snapshot where no shared memory is connected.
     pub request_snapshot: bool,
+    newest_only: bool,
+    port: Option<MapPort>,
+}
+
+#[derive(Debug)]
+struct MapPort {
+    updates: FramePublisher<MapUpdate>,
+    snapshots: FramePublisher<MapSnapshot>,
+    requests: RequestReceiver,
+    epoch: u32,
 }
 
 impl MapOutput {
+    /// Keeps only the newest update in memory and reuses its buffer, so that publishing does not allocate.
+    pub fn newest_only() -> Self {
+        Self { newest_only: true, ..Self::default() }
+    }
+
     /// Publishes an update; `header.voxels` is set to `len`, `fill(i)` is called once for each index in order.
     ///
     /// # Errors
@@ -72,13 +181,23 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
-        self.memory.push((header, (0..len).map(fill).collect()));
-        Ok(())
+        let Some(port) = &self.port else {
+            keep(&mut self.memory, self.newest_only, header, len, fill);
+            return Ok(());
+        };
+        let finish = || {
+            stamp(&mut header.frame, port.epoch);
+            header
+        };
+        port.updates.publish(len, fill, finish).map_err(failed)
     }
 
     /// Whether a late joiner has asked for a snapshot since the last call.
     pub fn snapshot_requested(&mut self) -> bool {
-        std::mem::take(&mut self.request_snapshot)
+        match &self.port {
+            Some(port) => port.requests.take(),
+            None => std::mem::take(&mut self.request_snapshot),
+        }
     }
 
     /// Publishes the whole map for late joiners; as [`Self::publish`], with `map_flags::SNAPSHOT` in the header.
@@ -93,16 +212,39 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
-        self.snapshots.push((header, (0..len).map(fill).collect()));
-        Ok(())
+        let Some(port) = &self.port else {
+            keep(&mut self.snapshots, self.newest_only, header, len, fill);
+            return Ok(());
+        };
+        let finish = || {
+            stamp(&mut header.frame, port.epoch);
+            header
+        };
+        port.snapshots.publish(len, fill, finish).map_err(failed)
+    }
+}
+
+impl StageOutput for MapOutput {
+    const SERVICES: &'static [&'static str] = &["map/update", "map/snapshot"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        let port = MapPort {
+            updates: FramePublisher::open(bus)?,
+            snapshots: FramePublisher::open(bus)?,
+            requests: RequestReceiver::open(bus, SNAPSHOT_REQUEST)?,
+            epoch,
+        };
+        Ok(Self { port: Some(port), ..Self::default() })
     }
 }
 
 /// Where flat maps go.
 #[derive(Debug, Default)]
 pub struct GridOutput {
-    /// What was published, newest last (memory sink).
+    /// What was published, newest last, where no shared memory is connected.
     pub memory: Vec<(GridHeader, Vec<i8>)>,
+    port: Option<(FramePublisher<GridPlan>, u32)>,
 }
 
 impl GridOutput {
@@ -110,13 +252,43 @@ impl GridOutput {
     ///
     /// # Errors
     /// [`StageError::Output`] when shared memory cannot be loaned or sent.
-    pub fn publish(&mut self, header: &GridHeader, fill: impl FnMut(usize) -> i8) -> Result<(), StageError> {
+    pub fn publish(
+        &mut self,
+        header: &GridHeader,
+        mut fill: impl FnMut(usize) -> i8,
+    ) -> Result<(), StageError> {
+        let mut header = *header;
         let len = header.width as usize * header.height as usize;
-        self.memory.push((*header, (0..len).map(fill).collect()));
-        Ok(())
+        let Some((port, epoch)) = &self.port else {
+            keep(&mut self.memory, false, header, len, fill);
+            return Ok(());
+        };
+        let finish = || {
+            stamp(&mut header.frame, *epoch);
+            header
+        };
+        port.publish(len, |i| Cell(fill(i)), finish).map_err(failed)
+    }
+}
+
+impl StageOutput for GridOutput {
+    const SERVICES: &'static [&'static str] = &["grid/plan"];
+    const IS_SINK: bool = true;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
     }
 }
 
 /// For sinks that write files only.
 #[derive(Debug, Default)]
 pub struct NoOutput;
+
+impl StageOutput for NoOutput {
+    const SERVICES: &'static [&'static str] = &[];
+    const IS_SINK: bool = true;
+
+    fn open(_bus: &Bus, _epoch: u32) -> Result<Self, PortError> {
+        Ok(Self)
+    }
+}

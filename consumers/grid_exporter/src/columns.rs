@@ -1,0 +1,245 @@
+//! The voxels of the map as columns over the XOY plane, three bits a voxel.
+
+use evac_frames::{Voxel, voxel_flags};
+use rustc_hash::FxHashMap;
+
+/// Columns along one side of a tile.
+const SIDE: i32 = 8;
+/// Voxels of a column in one layer.
+const LAYER: i32 = 64;
+/// Key of the coordinate 0 (OctoMap).
+const ZERO_KEY: i32 = 32_768;
+
+/// One bit a voxel, lowest z in bit 0.
+#[derive(Debug, Clone, Copy, Default)]
+struct Bits {
+    occupied: u64,
+    free: u64,
+    ground: u64,
+}
+
+/// 8 x 8 columns of 64 voxels.
+struct Layer {
+    chunk: i32,
+    columns: [Bits; (SIDE * SIDE) as usize],
+}
+
+/// All layers over one tile, in the order in which they were first seen.
+type Tile = Vec<Layer>;
+
+/// What is counted in a column.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Kind {
+    Occupied,
+    Free,
+    Ground,
+}
+
+/// Why a voxel was not taken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Refused;
+
+/// All columns. Cells are counted from the map's origin: cell `i` spans `i * resolution` to `(i + 1) * resolution`.
+pub(crate) struct Columns {
+    tiles: FxHashMap<[i32; 2], Tile>,
+    layers: usize,
+    max_layers: usize,
+    half_side: i32,
+    centre: [i32; 2],
+    occupied_from: f32,
+}
+
+impl Columns {
+    /// `occupied_from`: log-odds from which a voxel is occupied.
+    pub(crate) fn new(max_side_cells: u32, max_memory_mib: u32, occupied_from: f32) -> Self {
+        Self {
+            tiles: FxHashMap::default(),
+            layers: 0,
+            max_layers: max_memory_mib as usize * 1024 * 1024 / size_of::<Layer>(),
+            half_side: (max_side_cells / 2) as i32,
+            centre: [0, 0],
+            occupied_from,
+        }
+    }
+
+    /// Forgets all voxels and allows columns around `centre` from now on.
+    pub(crate) fn restart(&mut self, centre: [i32; 2]) {
+        self.tiles.clear();
+        self.layers = 0;
+        self.centre = centre;
+    }
+
+    /// Takes a voxel's new state.
+    pub(crate) fn apply(&mut self, voxel: &Voxel) -> Result<(), Refused> {
+        let [x, y, z] = voxel.key.map(|key| i32::from(key) - ZERO_KEY);
+        let outside = |cell: i32, centre: i32| !(-self.half_side..self.half_side).contains(&(cell - centre));
+        let [cx, cy] = self.centre;
+        if voxel.log_odds.is_nan() || outside(x, cx) || outside(y, cy) {
+            return Err(Refused);
+        }
+        let tile = self.tiles.entry([x.div_euclid(SIDE), y.div_euclid(SIDE)]).or_default();
+        let chunk = z.div_euclid(LAYER);
+        let layer = match tile.iter().position(|layer| layer.chunk == chunk) {
+            Some(at) => tile.get_mut(at),
+            None if self.layers < self.max_layers => {
+                self.layers += 1;
+                tile.push(Layer { chunk, columns: [Bits::default(); (SIDE * SIDE) as usize] });
+                tile.last_mut()
+            }
+            None => None,
+        };
+        let bits = layer.and_then(|layer| layer.columns.get_mut(index(x, y))).ok_or(Refused)?;
+        let bit = 1u64 << z.rem_euclid(LAYER);
+        if voxel.flags & voxel_flags::KNOWN != 0 {
+            let occupied = voxel.log_odds >= self.occupied_from;
+            set(&mut bits.occupied, bit, occupied);
+            set(&mut bits.free, bit, !occupied);
+        }
+        if voxel.flags & voxel_flags::GROUND != 0 {
+            bits.ground |= bit;
+        }
+        Ok(())
+    }
+
+    /// Lowest cell and number of cells along x and y of the tiles that hold anything.
+    pub(crate) fn bounds(&self) -> Option<([i32; 2], [u32; 2])> {
+        let mut tiles = self.tiles.keys();
+        let first = *tiles.next()?;
+        let (low, high) = tiles.fold((first, first), |([lx, ly], [hx, hy]), [x, y]| {
+            ([lx.min(*x), ly.min(*y)], [hx.max(*x), hy.max(*y)])
+        });
+        let [x, y] = low.map(|tile| tile * SIDE);
+        let [w, h] = [0, 1].map(|axis: usize| ((high[axis] - low[axis] + 1) * SIDE) as u32);
+        Some(([x, y], [w, h]))
+    }
+
+    /// The column over a cell.
+    pub(crate) fn column(&self, x: i32, y: i32) -> Column<'_> {
+        let tile = self.tiles.get(&[x.div_euclid(SIDE), y.div_euclid(SIDE)]);
+        Column { layers: tile.map_or(&[], Vec::as_slice), index: index(x, y) }
+    }
+}
+
+fn index(x: i32, y: i32) -> usize {
+    (y.rem_euclid(SIDE) * SIDE + x.rem_euclid(SIDE)) as usize
+}
+
+fn set(bits: &mut u64, bit: u64, value: bool) {
+    *bits = if value { *bits | bit } else { *bits & !bit };
+}
+
+/// The voxels over one cell.
+#[derive(Clone, Copy)]
+pub(crate) struct Column<'a> {
+    layers: &'a [Layer],
+    index: usize,
+}
+
+impl Column<'_> {
+    /// Voxels of this kind from `low` to `high`, both included.
+    pub(crate) fn count(&self, kind: Kind, low: i32, high: i32) -> u32 {
+        let mut count = 0;
+        for (base, bits) in self.bits(kind) {
+            count += (bits & mask(low.saturating_sub(base), high.saturating_sub(base))).count_ones();
+        }
+        count
+    }
+
+    /// Calls `visit` with the height of each ground voxel, in no particular order.
+    pub(crate) fn for_each_ground(&self, mut visit: impl FnMut(i32)) {
+        for (base, mut bits) in self.bits(Kind::Ground) {
+            while bits != 0 {
+                visit(base + bits.trailing_zeros() as i32);
+                bits &= bits - 1;
+            }
+        }
+    }
+
+    fn bits(&self, kind: Kind) -> impl Iterator<Item = (i32, u64)> {
+        self.layers.iter().filter_map(move |layer| {
+            let bits = layer.columns.get(self.index)?;
+            let bits = match kind {
+                Kind::Occupied => bits.occupied,
+                Kind::Free => bits.free,
+                Kind::Ground => bits.ground,
+            };
+            Some((layer.chunk * LAYER, bits))
+        })
+    }
+}
+
+/// Bits `low` to `high` of a layer, both included; either may lie outside.
+fn mask(low: i32, high: i32) -> u64 {
+    if high < 0 || low >= LAYER || low > high {
+        return 0;
+    }
+    let from = u64::MAX << low.max(0);
+    let to = u64::MAX >> (LAYER - 1 - high.min(LAYER - 1));
+    from & to
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn voxel(x: i32, y: i32, z: i32, log_odds: f32, flags: u16) -> Voxel {
+        Voxel { key: [x, y, z].map(|cell| (cell + ZERO_KEY) as u16), flags, log_odds }
+    }
+
+    #[test]
+    fn a_voxel_seen_through_later_is_no_longer_occupied() {
+        let mut columns = Columns::new(100, 1, 0.0);
+        columns.apply(&voxel(-1, 2, -5, 0.5, voxel_flags::KNOWN)).unwrap();
+        assert_eq!(columns.column(-1, 2).count(Kind::Occupied, -5, -5), 1);
+        columns.apply(&voxel(-1, 2, -5, -0.5, voxel_flags::KNOWN)).unwrap();
+        assert_eq!(columns.column(-1, 2).count(Kind::Occupied, -100, 100), 0);
+        assert_eq!(columns.column(-1, 2).count(Kind::Free, -100, 100), 1);
+        assert_eq!(columns.column(-2, 2).count(Kind::Free, -100, 100), 0);
+    }
+
+    #[test]
+    fn a_ground_voxel_without_a_value_says_nothing_of_occupancy() {
+        let mut columns = Columns::new(100, 1, 0.0);
+        columns.apply(&voxel(0, 0, 0, 0.0, voxel_flags::GROUND)).unwrap();
+        let column = columns.column(0, 0);
+        assert_eq!([Kind::Ground, Kind::Occupied, Kind::Free].map(|kind| column.count(kind, 0, 0)), [1, 0, 0]);
+    }
+
+    #[test]
+    fn voxels_beyond_the_side_or_the_memory_are_refused() {
+        let mut columns = Columns::new(100, 1, 0.0);
+        columns.restart([1000, 0]);
+        assert_eq!(columns.apply(&voxel(0, 0, 0, 1.0, voxel_flags::KNOWN)), Err(Refused));
+        assert_eq!(columns.apply(&voxel(1049, 0, 0, 1.0, voxel_flags::KNOWN)), Ok(()));
+        assert_eq!(columns.apply(&voxel(1050, 0, 0, 1.0, voxel_flags::KNOWN)), Err(Refused));
+        assert_eq!(columns.apply(&voxel(1000, 0, 0, f32::NAN, voxel_flags::KNOWN)), Err(Refused));
+        let taken = (-300..300).filter(|chunk| {
+            columns.apply(&voxel(1000, 0, chunk * 64, 1.0, voxel_flags::KNOWN)).is_ok()
+        });
+        assert!(taken.count() < 300 + 300);
+        assert!((-500..500).any(|chunk| columns.apply(&voxel(1001, 0, chunk * 64, 1.0, 2)).is_ok()));
+        assert_eq!(columns.apply(&voxel(960, 20, 0, 1.0, voxel_flags::KNOWN)).is_ok(), columns.layers < columns.max_layers);
+    }
+
+    proptest! {
+        #[test]
+        fn counting_by_masks_equals_counting_one_by_one(
+            heights in proptest::collection::btree_set(-200i32..200, 0..60),
+            low in -220i32..220,
+            size in 0i32..200,
+        ) {
+            let mut columns = Columns::new(100, 1, 0.0);
+            for z in &heights {
+                columns.apply(&voxel(3, -4, *z, 1.0, voxel_flags::KNOWN | voxel_flags::GROUND)).unwrap();
+            }
+            let expected = heights.iter().filter(|z| (low..=low + size).contains(*z)).count();
+            prop_assert_eq!(columns.column(3, -4).count(Kind::Occupied, low, low + size), expected as u32);
+            let mut ground = Vec::new();
+            columns.column(3, -4).for_each_ground(|z| ground.push(z));
+            ground.sort_unstable();
+            prop_assert_eq!(ground, heights.into_iter().collect::<Vec<_>>());
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Configuration of the grid exporter.
+
+use std::path::PathBuf;
+
+use evac_stage::StageConfig;
+use serde::{Deserialize, Serialize};
+
+/// What the plan shows and where it goes. Heights are above the local ground.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GridExporterConfig {
+    /// Folder for `plan.pgm`, `plan.yaml` and `plan.png`; it is created.
+    pub output_dir: PathBuf,
+    /// Seconds of sensor time between two plans on `grid/plan`. Each costs a projection of the whole map, tens of
+    /// milliseconds for a large building.
+    pub publish_interval_s: f64,
+    /// Seconds of sensor time between two savings of the files, 0 for the end of the stream only. A power cut loses at
+    /// most this much.
+    pub save_interval_s: f64,
+    /// Lower and upper end of the height band in metres: what a person or a robot would bump into. Below 0.2 m lie
+    /// thresholds and the noise of the ground, above 1.8 m lamps, door frames and the ceiling.
+    pub band_m: [f64; 2],
+    /// A cell is occupied when at least one occupied voxel of the band stands in it and this many in it and its eight
+    /// neighbours together. 2 keeps walls, low boxes and thin posts, and drops single stray voxels.
+    pub min_occupied_voxels: u32,
+    /// A cell without seen ground is free when this many free voxels of the band were seen in it: 2, so that one ray
+    /// over a table does not make the floor behind it free.
+    pub min_free_voxels: u32,
+    /// A voxel counts as occupied from this probability on. 0.5 as OctoMap and the mapper have it.
+    pub occupied_probability: f64,
+    /// Height of the LiDAR above the ground in metres, used until enough ground was seen under the path to measure it.
+    /// 1.2 m is a sensor carried at the hip or on a small robot.
+    pub sensor_height_m: f64,
+    /// Largest change of the ground's height in metres between two places 0.5 m apart that still is the same storey:
+    /// steep ramps and stairs pass, another storey or a platform's edge does not.
+    pub max_step_m: f64,
+    /// Unknown border around the known area, metres, for planners that need one.
+    pub margin_m: f64,
+    /// Longest side of the plan in cells around the first position; what lies beyond is dropped and counted. 8192 cells
+    /// are 819 m at 0.1 m, and 64 MiB on `grid/plan`.
+    pub max_side_cells: u32,
+    /// Ceiling of the memory for voxel columns, MiB; what does not fit is dropped and counted. One MiB holds 640 blocks
+    /// of 8 x 8 columns x 64 voxels, so that 512 MiB suffice for 20,000 square metres at 0.1 m many times over.
+    pub max_memory_mib: u32,
+}
+
+impl Default for GridExporterConfig {
+    fn default() -> Self {
+        Self {
+            output_dir: PathBuf::from("evac-out"),
+            publish_interval_s: 1.0,
+            save_interval_s: 10.0,
+            band_m: [0.2, 1.8],
+            min_occupied_voxels: 2,
+            min_free_voxels: 2,
+            occupied_probability: 0.5,
+            sensor_height_m: 1.2,
+            max_step_m: 0.6,
+            margin_m: 0.5,
+            max_side_cells: 8192,
+            max_memory_mib: 512,
+        }
+    }
+}
+
+impl StageConfig for GridExporterConfig {
+    fn check(&self) -> Result<(), String> {
+        let [low, high] = self.band_m;
+        range("publish_interval_s", self.publish_interval_s, 0.01, 3600.0, "1.0 publishes each second")?;
+        range("save_interval_s", self.save_interval_s, 0.0, 86_400.0, "0 saves at the end only")?;
+        range("band_m[0]", low, 0.0, 5.0, "0.2 lies above the noise of the ground")?;
+        range("band_m[1]", high, 0.0, 10.0, "1.8 is a person's height")?;
+        if low >= high {
+            return Err(format!("band_m = [{low}, {high}] is empty; give the lower end first, as in [0.2, 1.8]"));
+        }
+        count("min_occupied_voxels", self.min_occupied_voxels, 1, 100)?;
+        count("min_free_voxels", self.min_free_voxels, 1, 100)?;
+        range("occupied_probability", self.occupied_probability, 0.01, 0.99, "0.5 is OctoMap's")?;
+        range("sensor_height_m", self.sensor_height_m, 0.0, 10.0, "measure from the ground to the LiDAR")?;
+        range("max_step_m", self.max_step_m, 0.05, 2.0, "0.6 passes stairs and keeps storeys apart")?;
+        range("margin_m", self.margin_m, 0.0, 100.0, "0.5 leaves a border of unknown")?;
+        count("max_side_cells", self.max_side_cells, 64, 16_384)?;
+        count("max_memory_mib", self.max_memory_mib, 1, 65_536)
+    }
+}
+
+fn range(key: &str, value: f64, low: f64, high: f64, hint: &str) -> Result<(), String> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(format!("{key} = {value} is outside {low} to {high}; {hint}"))
+}
+
+fn count(key: &str, value: u32, low: u32, high: u32) -> Result<(), String> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(format!("{key} = {value} is outside {low} to {high}; leave the key out for the default"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_is_sound_and_survives_toml() {
+        let config = GridExporterConfig::default();
+        assert_eq!(config.check(), Ok(()));
+        assert_eq!(toml::from_str::<GridExporterConfig>(&toml::to_string(&config).unwrap()).unwrap(), config);
+    }
+
+    #[test]
+    fn unknown_keys_and_bad_ranges_are_refused_by_name() {
+        assert!(toml::from_str::<GridExporterConfig>("bands = 1").unwrap_err().to_string().contains("bands"));
+        for text in ["band_m = [1.8, 0.2]", "sensor_height_m = nan", "min_free_voxels = 0", "margin_m = -1.0"] {
+            let config: GridExporterConfig = toml::from_str(text).unwrap();
+            let error = config.check().unwrap_err();
+            let key = text.split([' ', '[']).next().unwrap();
+            assert!(error.starts_with(key), "{error}");
+        }
+    }
+}

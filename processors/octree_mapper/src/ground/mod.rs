@@ -1,0 +1,148 @@
+//! Ground filter (paper section 3.1, filter 3): large contiguous surfaces, low and of small tilt.
+
+mod moments;
+mod patch;
+mod surfaces;
+
+use std::collections::VecDeque;
+
+use moments::Plane;
+use patch::Patch;
+use surfaces::{NONE, Surfaces};
+
+use crate::GroundConfig;
+
+/// Patches of earlier scans that are remembered.
+const MEMORY: usize = 16;
+
+/// Finds the ground points of a cloud in a frame whose z is against gravity, on any number of levels.
+///
+/// The xy plane is divided into cells. In each cell the lowest slab of points above a gap is a surface; planes through
+/// 3 x 3 cells tell horizontal surfaces; those that continue each other form patches; a patch is ground by its tilt,
+/// its extent both ways, its height below the sensor, and for not being a table top. The tread of a stair fails by
+/// extent, a wall's foot by tilt. Points within the thickness of a ground's local plane are ground, so what
+/// stands on it keeps all but its lowest centimetres.
+///
+/// With a sensor position (one scan) the surfaces of a floor thin out with range and a corner shows only a strip
+/// of it. There lowest surfaces that continue the plane of a patch, of this scan or of one of the last
+/// ones, up to one length of the patch beyond it are ground too. Without a sensor position (a whole cloud) floors are
+/// told from ceilings by the room above. What no cloud tells: the roof of a train or a kiosk larger than furniture is a
+/// level like any platform.
+#[derive(Debug)]
+pub struct GroundFilter {
+    config: GroundConfig,
+    surfaces: Surfaces,
+    patches: Vec<Patch>,
+    stack: Vec<u32>,
+    /// Plane and length of ground seen lately, newest last.
+    known: VecDeque<(Plane, f64)>,
+    /// The ground's plane of each surface.
+    planes: Vec<Option<Plane>>,
+    ground: Vec<bool>,
+}
+
+impl GroundFilter {
+    /// A filter whose buffers hold `capacity` points before they grow.
+    pub fn new(config: GroundConfig, capacity: usize) -> Self {
+        Self {
+            config,
+            surfaces: Surfaces::with_capacity(capacity),
+            patches: Vec::with_capacity(capacity),
+            stack: Vec::with_capacity(capacity),
+            known: VecDeque::with_capacity(MEMORY + 1),
+            planes: Vec::with_capacity(capacity),
+            ground: Vec::with_capacity(capacity),
+        }
+    }
+
+    /// One flag a point of a scan: whether it is ground. `sensor` is where it was seen from, in the same frame, metres.
+    pub fn ground_of_scan(&mut self, points: &[[f32; 3]], sensor: [f64; 3]) -> &[bool] {
+        self.find_patches(points, Some(sensor), [0.0; 3]);
+        if self.config.enabled {
+            self.remember();
+            self.extend();
+            self.mark(points);
+        }
+        &self.ground
+    }
+
+    /// One flag a point of a whole cloud: whether it is ground of any level.
+    pub fn ground_of_cloud(&mut self, points: &[[f32; 3]]) -> &[bool] {
+        let first = points.iter().find(|point| point.iter().all(|x| x.is_finite()));
+        let origin = first.map_or([0.0; 3], |point| point.map(f64::from));
+        self.find_patches(points, None, origin);
+        if self.config.enabled {
+            self.mark(points);
+        }
+        &self.ground
+    }
+
+    fn find_patches(&mut self, points: &[[f32; 3]], sensor: Option<[f64; 3]>, origin: [f64; 3]) {
+        self.ground.clear();
+        self.ground.resize(points.len(), false);
+        if !self.config.enabled {
+            return;
+        }
+        self.surfaces.find(&self.config, points, origin);
+        patch::join(&self.config, &mut self.surfaces, &mut self.patches, &mut self.stack);
+        patch::judge(&self.config, &self.surfaces, &mut self.patches, sensor);
+        self.planes.clear();
+        for surface in &self.surfaces.list {
+            let patch = self.patches.get(surface.patch as usize).filter(|patch| patch.ground);
+            self.planes.push(patch.and(surface.plane));
+        }
+    }
+
+    /// Keeps the even patches of this scan for the next ones.
+    fn remember(&mut self) {
+        for patch in self.patches.iter().filter(|patch| patch.ground && patch.plane.rms <= self.config.step_m) {
+            self.known.push_back((patch.plane, patch.extent));
+            if self.known.len() > MEMORY {
+                self.known.pop_front();
+            }
+        }
+    }
+
+    /// Lowest surfaces that continue a known plane are ground: far ones with too few points for a plane, small ones
+    /// behind pillars, and the strip of floor in front of a near wall.
+    fn extend(&mut self) {
+        for cell in &self.surfaces.cells {
+            let [lowest, end] = cell.surfaces;
+            if lowest == end || self.planes[lowest as usize].is_some() {
+                continue;
+            }
+            let [x, y, z] = self.surfaces.list[lowest as usize].mean;
+            self.planes[lowest as usize] = self.known.iter().rev().find_map(|(plane, extent)| {
+                // A patch reaches half its length from its centre, and is trusted one length farther.
+                let near = (x - plane.centre[0]).hypot(y - plane.centre[1]) <= 1.5 * extent;
+                (near && (z - plane.height(x, y)).abs() <= self.config.thickness_m).then_some(*plane)
+            });
+        }
+    }
+
+    /// Marks the points near the ground's plane in their own or a neighbouring cell.
+    fn mark(&mut self, points: &[[f32; 3]]) {
+        for cell in &self.surfaces.cells {
+            let around = cell.neighbours.iter().filter(|cell| **cell != NONE);
+            let ranges = around.map(|i| self.surfaces.cells[*i as usize].surfaces);
+            let planes = || {
+                std::iter::once(cell.surfaces)
+                    .chain(ranges.clone())
+                    .flat_map(|[from, to]| &self.planes[from as usize..to as usize])
+                    .flatten()
+            };
+            if planes().next().is_none() {
+                continue;
+            }
+            let [from, to] = cell.entries;
+            for entry in &self.surfaces.entries[from as usize..to as usize] {
+                let [x, y, z] = self.surfaces.relative(points[entry.index as usize]);
+                let on = |plane: &Plane| (z - plane.height(x, y)).abs() <= self.config.thickness_m;
+                self.ground[entry.index as usize] = planes().any(on);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,163 @@
+//! The stage: filters a scan, inserts it when it is a key frame, and says what changed.
+
+use evac_frames::{MapHeader, PoseFrame, TrackingState, map_flags};
+use evac_geometry::map_from_lidar;
+use evac_geometry::nalgebra::{Isometry3, Point3};
+use evac_octree::{OctreeMap, Scan, ScanOptions};
+use evac_stage::{Counters, MapOutput, Rig, ScanWithPose, Stage, StageConfig, StageError};
+
+use crate::key_frame::KeyFrames;
+use crate::{GroundFilter, OctreeMapperConfig, RadiusOutlierFilter};
+
+/// Points a scan that buffers hold from the start: three Mid-40 frames; a larger scan lets them grow once.
+const CAPACITY: usize = 30_000;
+
+/// Joins each deskewed scan with its pose; key frames go through the three filters into the octree.
+///
+/// Every scan gives one update of the same `seq`: the changed voxels of a key frame, nothing otherwise. Scans with a
+/// lost, foreign or non-finite pose never enter the map and count as degraded.
+#[derive(Debug)]
+pub struct OctreeMapper {
+    config: OctreeMapperConfig,
+    map: OctreeMap,
+    key_frames: KeyFrames,
+    key_frame_count: u64,
+    outliers: RadiusOutlierFilter,
+    ground: GroundFilter,
+    /// Returns in range, LiDAR frame.
+    returns: Vec<[f32; 3]>,
+    /// Filtered points, map frame; later those that are not ground.
+    hits: Vec<[f32; 3]>,
+    ground_points: Vec<[f32; 3]>,
+}
+
+impl OctreeMapper {
+    /// The map so far.
+    pub fn map(&self) -> &OctreeMap {
+        &self.map
+    }
+
+    /// The scan's pose where it may enter the map.
+    fn usable_pose(&self, pose: &PoseFrame, counters: &mut Counters) -> Option<Isometry3<f64>> {
+        let finite = pose.position.iter().chain(&pose.orientation).all(|x| x.is_finite());
+        match pose.tracking_state() {
+            Some(TrackingState::Tracking | TrackingState::Degenerate) if finite => Some(map_from_lidar(pose)),
+            Some(TrackingState::Initialising) if finite => {
+                self.config.map_while_initialising.then(|| map_from_lidar(pose))
+            }
+            _ => {
+                counters.degraded += 1;
+                None
+            }
+        }
+    }
+
+    /// Filters the scan and inserts it, counting what goes where.
+    fn insert(&mut self, input: &ScanWithPose<'_>, map_from_lidar: &Isometry3<f64>, header: &mut MapHeader) {
+        self.filter(input, map_from_lidar, header);
+        let origin = map_from_lidar.translation.vector;
+        let scan = Scan {
+            origin: [origin.x as f32, origin.y as f32, origin.z as f32],
+            hits: &self.hits,
+            ground: &self.ground_points,
+            misses: &[],
+        };
+        let options = ScanOptions { max_range: Some(self.config.max_range_m), ..ScanOptions::default() };
+        let report = self.map.insert_scan(&scan, &options);
+        header.hits = report.hits;
+        header.ground = report.ground;
+        header.rejected += report.not_finite + report.outside;
+    }
+
+    /// The paper's three filters (section 3.1), in its order.
+    fn filter(&mut self, input: &ScanWithPose<'_>, map_from_lidar: &Isometry3<f64>, header: &mut MapHeader) {
+        self.returns.clear();
+        for point in input.points {
+            let range = (point.x * point.x + point.y * point.y + point.z * point.z).sqrt();
+            if !range.is_finite() || !point.is_return() {
+                header.rejected += 1;
+            } else if !self.config.bounds.keeps_range(range) {
+                header.outside += 1;
+            } else {
+                self.returns.push([point.x, point.y, point.z]);
+            }
+        }
+        let inliers = self.outliers.inliers(&self.returns);
+        self.hits.clear();
+        for (point, inlier) in self.returns.iter().zip(inliers) {
+            if !inlier {
+                header.outliers += 1;
+                continue;
+            }
+            let place = map_from_lidar * Point3::from(point.map(f64::from));
+            let place = [place.x as f32, place.y as f32, place.z as f32];
+            if self.config.bounds.keeps_place(place) {
+                self.hits.push(place);
+            } else {
+                header.outside += 1;
+            }
+        }
+        let ground = self.ground.ground_of_scan(&self.hits, map_from_lidar.translation.vector.into());
+        self.ground_points.clear();
+        self.ground_points.extend(self.hits.iter().zip(ground).filter(|(_, ground)| **ground).map(|(p, _)| *p));
+        let mut flags = ground.iter();
+        self.hits.retain(|_| flags.next() == Some(&false));
+    }
+}
+
+impl Stage for OctreeMapper {
+    const NAME: &'static str = "octree_mapper";
+    type Config = OctreeMapperConfig;
+    type Input<'a> = ScanWithPose<'a>;
+    type Output = MapOutput;
+
+    fn new(config: Self::Config, _rig: &Rig) -> Result<Self, StageError> {
+        config.check().map_err(StageError::Config)?;
+        let map_config = config.map_config().map_err(StageError::Config)?;
+        Ok(Self {
+            map: OctreeMap::new(map_config).map_err(|e| StageError::Config(e.to_string()))?,
+            key_frames: KeyFrames::new(config.key_frames),
+            key_frame_count: 0,
+            outliers: RadiusOutlierFilter::new(config.outliers, CAPACITY),
+            ground: GroundFilter::new(config.ground, CAPACITY),
+            returns: Vec::with_capacity(CAPACITY),
+            hits: Vec::with_capacity(CAPACITY),
+            ground_points: Vec::with_capacity(CAPACITY),
+            config,
+        })
+    }
+
+    fn process(
+        &mut self,
+        input: ScanWithPose<'_>,
+        output: &mut MapOutput,
+        counters: &mut Counters,
+    ) -> Result<(), StageError> {
+        let mut header = MapHeader {
+            frame: input.header.frame,
+            resolution: self.config.resolution_m,
+            position: input.pose.position.map(|x| if x.is_finite() { x } else { 0.0 }),
+            ..MapHeader::default()
+        };
+        let pose = self.usable_pose(input.pose, counters);
+        let end_ns = input.header.frame.end_ns;
+        let key_pose = pose.filter(|pose| self.key_frames.choose(end_ns, pose));
+        if let Some(map_from_lidar) = key_pose {
+            self.insert(&input, &map_from_lidar, &mut header);
+            self.key_frame_count += 1;
+            header.map_flags = map_flags::KEY_FRAME;
+            counters.rejected += u64::from(header.rejected);
+        }
+        header.key_frames = self.key_frame_count;
+        let mut changes = key_pose.map(|_| self.map.changes());
+        let changed = changes.as_ref().map_or(0, |_| self.map.changed());
+        output.publish(&header, changed, |_| changes.as_mut().and_then(Iterator::next).unwrap_or_default())?;
+
+        if output.snapshot_requested() {
+            let header = MapHeader { map_flags: map_flags::SNAPSHOT, ..header };
+            let mut voxels = self.map.voxels();
+            output.publish_snapshot(&header, self.map.voxel_count(), |_| voxels.next().unwrap_or_default())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,134 @@
+//! The iterated update (design section 5.6). Neither the prior covariance nor the information is ever inverted: a
+//! direction that no plane observes gets no correction.
+
+use evac_geometry::nalgebra::{SMatrix, SVector, Vector3};
+
+use super::matching::{Gate, Match, Selected, associate, pose_row};
+use super::plane_map::PlaneMap;
+use super::state::{Covariance, DIM, Error, MEASURED, State, at};
+
+/// Points of a frame are not independent (shared beam, time and surface errors): variance times this. The optimum is
+/// flat from 5 to 20.
+const INFLATION: f64 = 10.0;
+/// Cauchy weight's scale in standard deviations, squared.
+const CAUCHY_SQUARED: f64 = 4.0;
+/// Common error of a plane that its fit does not show: the pose it was built from, metres.
+const PLANE_FLOOR: f64 = 0.003;
+const ITERATIONS: usize = 4;
+/// Association is redone in the first iterations only.
+const ASSOCIATIONS: usize = 2;
+
+/// Information of a frame about the measured part of the error.
+#[derive(Debug, Clone, Copy)]
+struct Information {
+    matrix: SMatrix<f64, MEASURED, MEASURED>,
+    vector: SVector<f64, MEASURED>,
+    /// Sum of squared normalised residuals.
+    squares: f64,
+}
+
+/// What the match says about itself.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Report {
+    /// Points that went into the match.
+    pub(crate) selected: usize,
+    /// Of these, points with a plane to be compared with.
+    pub(crate) in_view: usize,
+    /// Of these, points that passed the gate.
+    pub(crate) used: usize,
+    /// Root mean square of the normalised residuals.
+    pub(crate) residual: f64,
+    /// Normalised innovation squared of the pose correction, per degree of freedom; healthy: below 1.
+    pub(crate) nis: f64,
+    /// Information on the position, 1/m^2, map frame.
+    pub(crate) position_information: SMatrix<f64, 3, 3>,
+}
+
+impl Report {
+    /// The report of a frame that the map is made of.
+    pub(crate) fn full() -> Self {
+        Self { selected: 1, in_view: 1, used: 1, ..Self::default() }
+    }
+}
+
+/// Corrects state and covariance by the match of `selected` with `map`. `rate` is the angular velocity at the scan's
+/// end, which together with the velocity says how a time offset shows.
+pub(crate) fn correct(
+    map: &PlaneMap,
+    selected: &[Selected],
+    state: &mut State,
+    covariance: &mut Covariance,
+    rate: &Vector3<f64>,
+    gate: &Gate,
+    matches: &mut Vec<Match>,
+) -> Report {
+    let prior = *state;
+    let p_columns: SMatrix<f64, DIM, MEASURED> = covariance.fixed_columns::<MEASURED>(0).into_owned();
+    let p_measured: SMatrix<f64, MEASURED, MEASURED> = p_columns.fixed_rows::<MEASURED>(0).into_owned();
+    let mut report = Report { selected: selected.len(), ..Report::default() };
+    let mut d = Error::zeros();
+    let mut gain = None;
+    for iteration in 0..ITERATIONS {
+        let here = prior.plus(&d);
+        if iteration < ASSOCIATIONS {
+            let predicted = (iteration == 0).then_some(&*covariance);
+            report.in_view = associate(map, selected, &here, predicted, gate, matches);
+        }
+        let information = accumulate(matches, &here, rate);
+        report.used = matches.len();
+        report.residual = (information.squares / matches.len().max(1) as f64).sqrt();
+        report.position_information =
+            information.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
+        let lu = (SMatrix::identity() + information.matrix * p_measured).lu();
+        // Residuals are not evaluated anew with the time offset: its linearisation point stays at zero.
+        let mut d_measured = d.fixed_rows::<MEASURED>(0).into_owned();
+        d_measured[at::TIME_OFFSET] = 0.0;
+        let Some(y) = lu.solve(&(information.vector + information.matrix * d_measured)) else { break };
+        d = p_columns * y;
+        gain = lu.solve(&information.matrix);
+    }
+    let Some(gain) = gain else { return report };
+    report.nis = nis(&d, &p_measured);
+    *state = prior.plus(&d);
+    *covariance -= p_columns * gain * p_columns.transpose();
+    *covariance = (*covariance + covariance.transpose()) / 2.0;
+    report
+}
+
+/// Sums the matches. Each cell's sum is scaled down by the error its points share: the plane's own.
+fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Information {
+    let rotation = state.rotation.to_rotation_matrix();
+    let mut total = Information { matrix: SMatrix::zeros(), vector: SVector::zeros(), squares: 0.0 };
+    for cell in matches.chunk_by(|a, b| a.cell == b.cell) {
+        let mut matrix = SMatrix::<f64, MEASURED, MEASURED>::zeros();
+        let mut vector = SVector::<f64, MEASURED>::zeros();
+        let mut shared = 0.0;
+        for m in cell {
+            let residual = m.normal.dot(&(rotation * m.point + state.position)) - m.offset;
+            let squared = residual * residual / m.point_variance;
+            let weight = 1.0 / (INFLATION * m.point_variance * (1.0 + squared / CAUCHY_SQUARED));
+            let normal_in_imu = rotation.inverse_transform_vector(&m.normal);
+            let pose = pose_row(&normal_in_imu, &m.normal, &m.point);
+            let by_offset = -(m.normal.dot(&state.velocity) + normal_in_imu.dot(&rate.cross(&m.point)));
+            let h = SVector::<f64, MEASURED>::from([
+                pose[0], pose[1], pose[2], pose[3], pose[4], pose[5], by_offset,
+            ]);
+            let weighted = h * weight;
+            matrix += weighted * h.transpose();
+            vector -= weighted * residual;
+            shared += weight * (m.plane_variance + PLANE_FLOOR.powi(2));
+            total.squares += squared;
+        }
+        let scale = 1.0 / (1.0 + shared);
+        total.matrix += matrix * scale;
+        total.vector += vector * scale;
+    }
+    total
+}
+
+/// Squared pose correction in units of its predicted covariance, per degree of freedom (design section 4).
+fn nis(d: &Error, p_measured: &SMatrix<f64, MEASURED, MEASURED>) -> f64 {
+    let pose: SVector<f64, 6> = d.fixed_rows::<6>(0).into_owned();
+    let predicted: SMatrix<f64, 6, 6> = p_measured.fixed_view::<6, 6>(0, 0).into_owned();
+    predicted.cholesky().map_or(0.0, |cholesky| pose.dot(&cholesky.solve(&pose)) / 6.0)
+}

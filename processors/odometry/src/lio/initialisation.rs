@@ -1,0 +1,180 @@
+//! Gravity, biases and their uncertainty from a standstill, or from motion where there is none (design section 5.1).
+
+use evac_frames::ImuSample;
+use evac_geometry::nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
+use evac_geometry::{MotionState, STANDARD_GRAVITY, Standstill, StandstillDetector, exp_so3};
+
+use super::config::LioConfig;
+use super::imu::Reading;
+use super::state::{Covariance, State, add_variance, at};
+
+/// Prior of the accelerometer's bias across gravity, which a standstill cannot tell from tilt, m/s^2.
+const ACCEL_BIAS: f64 = 0.05;
+/// Standard deviation of the mean acceleration of a start in motion, m/s^2, and of its velocity, m/s.
+const MOVING_ACCEL: f64 = 0.3;
+const MOVING_SPEED: f64 = 1.0;
+/// Memory of the mean acceleration of a start in motion.
+const MOVING_MEMORY_S: f64 = 2.0;
+
+/// What the start found.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Start {
+    pub(crate) state: State,
+    pub(crate) covariance: Covariance,
+    /// Noise seen at rest per sample, m/s^2 and rad/s; zero where it cannot be seen.
+    pub(crate) accel_noise: f64,
+    pub(crate) gyro_noise: f64,
+    /// False: no standstill came and the start is in motion.
+    pub(crate) standing: bool,
+}
+
+/// Listens until the carrier has stood still long enough, or too long a time has passed.
+#[derive(Debug)]
+pub(crate) struct Initialiser {
+    detector: StandstillDetector,
+    waited_s: f64,
+    last: Option<Reading>,
+    /// Mean specific force turned into the present IMU frame, with exponential memory.
+    mean_force: Vector3<f64>,
+    mean_weight: f64,
+}
+
+impl Initialiser {
+    pub(crate) fn new() -> Self {
+        Self {
+            detector: StandstillDetector::default(),
+            waited_s: 0.0,
+            last: None,
+            mean_force: Vector3::zeros(),
+            mean_weight: 0.0,
+        }
+    }
+
+    /// Takes the samples up to a frame's end, `duration_s` after the last one's. Returns whether the carrier may be
+    /// standing still; if not, what was collected before is void.
+    pub(crate) fn take(&mut self, samples: &[ImuSample], readings: &[Reading], duration_s: f64) -> bool {
+        self.waited_s += duration_s.clamp(0.0, 1.0);
+        for sample in samples {
+            self.detector.push(sample);
+        }
+        let fresh = self.last.map_or(0, |last| readings.partition_point(|r| r.stamp_ns <= last.stamp_ns));
+        for reading in readings.iter().skip(fresh) {
+            self.level(reading);
+        }
+        self.detector.state() != MotionState::Moving
+    }
+
+    /// Orientation `map_from_imu` as far as it is known: z against gravity, yaw of the LiDAR zero.
+    pub(crate) fn orientation(&self, imu_from_lidar: &Isometry3<f64>) -> UnitQuaternion<f64> {
+        let up = match (self.detector.state(), self.detector.standstill()) {
+            (MotionState::Still, Some(standstill)) => standstill.mean_accel,
+            _ => self.mean_force,
+        };
+        up.try_normalize(1e-3).map_or(imu_from_lidar.rotation.inverse(), |up| upright(&up, imu_from_lidar))
+    }
+
+    /// The start, once it can be made.
+    pub(crate) fn start(&self, config: &LioConfig, imu_from_lidar: &Isometry3<f64>) -> Option<Start> {
+        if self.detector.state() == MotionState::Still
+            && let Some(standstill) = self.detector.standstill()
+            && (standstill.end_ns - standstill.start_ns) as f64 * 1e-9 > config.standstill_s - 0.05
+        {
+            return Some(standing_start(standstill, config, imu_from_lidar));
+        }
+        (self.waited_s >= config.start_timeout_s).then(|| moving_start(&self.mean_force, config, imu_from_lidar))
+    }
+
+    /// Keeps the mean of the specific force in the present IMU frame, turned along with the gyroscope.
+    fn level(&mut self, reading: &Reading) {
+        if let Some(last) = self.last {
+            let h = (reading.stamp_ns - last.stamp_ns) as f64 * 1e-9;
+            let turned = exp_so3(&(-(last.gyro + reading.gyro) / 2.0 * h)) * self.mean_force;
+            self.mean_weight = self.mean_weight * (-h / MOVING_MEMORY_S).exp() + h;
+            self.mean_force = turned + (reading.accel - turned) * (h / self.mean_weight);
+        } else {
+            self.mean_force = reading.accel;
+        }
+        self.last = Some(*reading);
+    }
+}
+
+fn standing_start(standstill: &Standstill, config: &LioConfig, imu_from_lidar: &Isometry3<f64>) -> Start {
+    let up = standstill.mean_accel.try_normalize(1.0).unwrap_or_else(Vector3::z);
+    let n = standstill.samples.max(1) as f64;
+    let mut start = start_at(&upright(&up, imu_from_lidar), imu_from_lidar);
+    start.standing = true;
+    start.state.accel_bias = standstill.mean_accel - up * STANDARD_GRAVITY;
+    start.accel_noise = standstill.accel_std.max();
+    start.gyro_noise = standstill.gyro_std.map_or(0.0, |std| std.max());
+    // A gyroscope held at zero by its firmware hides its bias.
+    start.state.gyro_bias = standstill.gyro_bias.unwrap_or_default();
+    let bias_variance = match standstill.gyro_bias {
+        Some(_) => config.gyro_noise_rad_s.max(start.gyro_noise).powi(2) / n,
+        None => config.hidden_gyro_bias_rad_s.powi(2),
+    };
+    add_variance(&mut start.covariance, at::VELOCITY, 1e-6);
+    add_variance(&mut start.covariance, at::GYRO_BIAS, bias_variance);
+    let accel_variance = config.accel_noise_m_s2.max(start.accel_noise).powi(2) / n;
+    add_variance(&mut start.covariance, at::ACCEL_BIAS, accel_variance);
+    start
+}
+
+fn moving_start(force: &Vector3<f64>, config: &LioConfig, imu_from_lidar: &Isometry3<f64>) -> Start {
+    let orientation = match force.try_normalize(1.0) {
+        Some(up) => upright(&up, imu_from_lidar),
+        None => imu_from_lidar.rotation.inverse(),
+    };
+    let mut start = start_at(&orientation, imu_from_lidar);
+    add_variance(&mut start.covariance, at::VELOCITY, MOVING_SPEED.powi(2));
+    add_variance(&mut start.covariance, at::GYRO_BIAS, config.hidden_gyro_bias_rad_s.powi(2));
+    add_variance(&mut start.covariance, at::GRAVITY, MOVING_ACCEL.powi(2));
+    add_variance(&mut start.covariance, at::ACCEL_BIAS, ACCEL_BIAS.powi(2));
+    start
+}
+
+/// State at rest with the LiDAR at the map's origin. Gravity across the vertical and the accelerometer's bias have one
+/// fully correlated uncertainty: what the standstill measured is their sum, and the first turn tells them apart.
+fn start_at(map_from_imu: &UnitQuaternion<f64>, imu_from_lidar: &Isometry3<f64>) -> Start {
+    let rotation = map_from_imu.to_rotation_matrix();
+    let state = State {
+        rotation: *map_from_imu,
+        position: -(map_from_imu * imu_from_lidar.translation.vector),
+        velocity: Vector3::zeros(),
+        gyro_bias: Vector3::zeros(),
+        accel_bias: Vector3::zeros(),
+        gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+        time_offset_s: 0.0,
+    };
+    let level = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0)) * ACCEL_BIAS.powi(2);
+    let cross = level * rotation.matrix();
+    let mut covariance = Covariance::zeros();
+    add_variance(&mut covariance, at::ROTATION, 1e-10);
+    add_variance(&mut covariance, at::POSITION, 1e-10);
+    add_variance(&mut covariance, at::GRAVITY, 1e-12);
+    add_variance(&mut covariance, at::ACCEL_BIAS, 1e-6);
+    for (row, column, block) in [
+        (at::GRAVITY, at::GRAVITY, level),
+        (at::GRAVITY, at::ACCEL_BIAS, cross),
+        (at::ACCEL_BIAS, at::GRAVITY, cross.transpose()),
+        (at::ACCEL_BIAS, at::ACCEL_BIAS, rotation.matrix().transpose() * cross),
+    ] {
+        let mut view = covariance.fixed_view_mut::<3, 3>(row, column);
+        view += block;
+    }
+    Start { state, covariance, accel_noise: 0.0, gyro_noise: 0.0, standing: false }
+}
+
+/// `map_from_imu` with `up` (IMU frame) on the map's z and the LiDAR's x in the map's x-z plane, forward.
+fn upright(up: &Vector3<f64>, imu_from_lidar: &Isometry3<f64>) -> UnitQuaternion<f64> {
+    let level = |axis: Vector3<f64>| {
+        let forward = imu_from_lidar.rotation * axis;
+        (forward - up * forward.dot(up)).try_normalize(0.1)
+    };
+    // A LiDAR that looks straight up or down has no yaw of its own: its z takes the place of x.
+    let Some(x) = level(Vector3::x()).or_else(|| level(Vector3::z())) else {
+        return UnitQuaternion::identity();
+    };
+    let y = up.cross(&x);
+    let imu_from_map = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, *up]));
+    UnitQuaternion::from_rotation_matrix(&imu_from_map).inverse()
+}

@@ -1,0 +1,19 @@
+//! The stage `lio`: see [`Lio`].
+
+mod cell;
+mod config;
+mod correction;
+mod degeneracy;
+mod deskew;
+mod imu;
+mod initialisation;
+mod matching;
+mod monitor;
+mod plane_map;
+mod propagation;
+mod report;
+mod stage;
+mod state;
+
+pub use config::LioConfig;
+pub use stage::{Diagnostics, Lio};

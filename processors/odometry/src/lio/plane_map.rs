@@ -1,0 +1,182 @@
+//! The map: four levels of voxels with planes, in one arena of fixed capacity (design section 5.4).
+
+use evac_geometry::nalgebra::Vector3;
+
+use super::cell::Cell;
+
+/// Edges of the levels, metres, coarse to fine. Large planes with thousands of hits come first in the match: their
+/// normals are exact to 1e-4 rad, so a blank wall pulls nothing sideways.
+pub(crate) const EDGES: [f64; 4] = [1.6, 0.8, 0.4, 0.2];
+/// Candidates looked at for one eviction.
+const EVICTION_SAMPLE: usize = 16;
+const COORDINATE_BITS: u32 = 20;
+const EMPTY: u64 = 0;
+
+/// Voxels of all levels behind one open-addressing table; both are allocated once.
+#[derive(Debug)]
+pub(crate) struct PlaneMap {
+    cells: Vec<Cell>,
+    max_cells: usize,
+    /// Key and cell index; key [`EMPTY`] is a free slot. Linear probing.
+    slots: Vec<[u64; 2]>,
+    mask: usize,
+    hand: usize,
+    frame: u32,
+    /// Key and index that each level used last: neighbouring points mostly share a coarse voxel.
+    recent: [(u64, usize); EDGES.len()],
+    /// Cells given up to stay below the ceiling.
+    pub(crate) evicted: u64,
+}
+
+impl PlaneMap {
+    /// Allocates room for `max_cells` and a table at most half full.
+    pub(crate) fn new(max_cells: usize) -> Self {
+        let slots = (2 * max_cells).next_power_of_two();
+        Self {
+            cells: Vec::with_capacity(max_cells),
+            max_cells,
+            slots: vec![[EMPTY; 2]; slots],
+            mask: slots - 1,
+            hand: 0,
+            frame: 0,
+            recent: [(EMPTY, 0); EDGES.len()],
+            evicted: 0,
+        }
+    }
+
+    /// Forgets everything, keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.cells.clear();
+        self.slots.fill([EMPTY; 2]);
+        self.recent = [(EMPTY, 0); EDGES.len()];
+        self.hand = 0;
+    }
+
+    /// Counts a frame, for the age of cells.
+    pub(crate) fn next_frame(&mut self) {
+        self.frame = self.frame.saturating_add(1);
+    }
+
+    /// Cells in use.
+    pub(crate) fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// The cell at `index`.
+    pub(crate) fn cell(&self, index: usize) -> Option<&Cell> {
+        self.cells.get(index)
+    }
+
+    /// Adds a point at every level.
+    pub(crate) fn insert(&mut self, point: &Vector3<f64>) {
+        for (level, edge) in EDGES.iter().enumerate() {
+            let Some(key) = key(level, *edge, point) else { return };
+            let index = match self.recent[level] {
+                (recent, index) if recent == key => index,
+                _ => self.find_or_create(key),
+            };
+            self.recent[level] = (key, index);
+            let frame = self.frame;
+            if let Some(cell) = self.cells.get_mut(index) {
+                cell.last_used = frame;
+                cell.add(point, *edge);
+            }
+        }
+    }
+
+    /// The cell of `point` at `level`, with its index.
+    pub(crate) fn find(&self, level: usize, point: &Vector3<f64>) -> Option<(usize, &Cell)> {
+        let key = key(level, *EDGES.get(level)?, point)?;
+        let slot = self.slots[self.slot_of(key)];
+        if slot[0] == EMPTY {
+            return None;
+        }
+        let index = slot[1] as usize;
+        Some((index, self.cells.get(index)?))
+    }
+
+    /// The slot that holds `key`, or the free slot where it belongs.
+    fn slot_of(&self, key: u64) -> usize {
+        let mut slot = hash(key) & self.mask;
+        while self.slots[slot][0] != EMPTY && self.slots[slot][0] != key {
+            slot = (slot + 1) & self.mask;
+        }
+        slot
+    }
+
+    fn find_or_create(&mut self, key: u64) -> usize {
+        let slot = self.slot_of(key);
+        if self.slots[slot][0] == key {
+            return self.slots[slot][1] as usize;
+        }
+        if self.cells.len() < self.max_cells {
+            self.cells.push(Cell::new(key, self.frame));
+            self.slots[slot] = [key, self.cells.len() as u64 - 1];
+            return self.cells.len() - 1;
+        }
+        let index = self.evict();
+        self.cells[index] = Cell::new(key, self.frame);
+        let slot = self.slot_of(key);
+        self.slots[slot] = [key, index as u64];
+        index
+    }
+
+    /// Frees the longest unused of the next few cells under a hand that goes round, sparing the start.
+    fn evict(&mut self) -> usize {
+        // The first cells in the arena are the oldest; an eighth of it is the most that the start may keep.
+        let kept = self.max_cells / 8;
+        let mut victim = self.hand.max(kept);
+        for _ in 0..EVICTION_SAMPLE {
+            self.hand = if self.hand + 1 < self.max_cells { self.hand.max(kept) + 1 } else { kept };
+            let age = |index: usize| self.cells.get(index).map_or(u32::MAX, |cell| cell.last_used);
+            if age(self.hand) < age(victim) {
+                victim = self.hand;
+            }
+        }
+        self.remove_slot(self.cells[victim].key);
+        self.recent = self.recent.map(|(key, index)| if index == victim { (EMPTY, 0) } else { (key, index) });
+        self.evicted += 1;
+        victim
+    }
+
+    /// Deletes a key by moving back what follows it in the probe sequence (no tombstones).
+    fn remove_slot(&mut self, key: u64) {
+        let mut hole = self.slot_of(key);
+        let mut next = hole;
+        loop {
+            next = (next + 1) & self.mask;
+            let [key, _] = self.slots[next];
+            if key == EMPTY {
+                break;
+            }
+            let home = hash(key) & self.mask;
+            // Distance from home, cyclic: movable if the hole is not before its home.
+            if (next.wrapping_sub(home) & self.mask) >= (next.wrapping_sub(hole) & self.mask) {
+                self.slots[hole] = self.slots[next];
+                hole = next;
+            }
+        }
+        self.slots[hole] = [EMPTY; 2];
+    }
+}
+
+/// Level and three signed coordinates of 20 bits; never [`EMPTY`]. `None` beyond 100 km.
+fn key(level: usize, edge: f64, point: &Vector3<f64>) -> Option<u64> {
+    let limit = f64::from(1u32 << (COORDINATE_BITS - 1)) - 1.0;
+    let mut key = 4 | level as u64;
+    for coordinate in point.iter() {
+        let index = (coordinate / edge).floor();
+        // NaN is refused too.
+        if !(index.abs() < limit) {
+            return None;
+        }
+        key = (key << COORDINATE_BITS) | ((index + limit) as u64);
+    }
+    Some(key)
+}
+
+/// Fibonacci hashing with the high bits folded down.
+fn hash(key: u64) -> usize {
+    let mixed = (key ^ (key >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    (mixed ^ (mixed >> 29)) as usize
+}

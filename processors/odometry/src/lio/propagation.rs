@@ -1,0 +1,166 @@
+//! Propagation of state and covariance by the IMU (design section 5.2), with gaps (5.8).
+
+use evac_geometry::nalgebra::{Matrix3, Vector3};
+use evac_geometry::{exp_so3, skew};
+
+use super::config::LioConfig;
+use super::imu::{Reading, between};
+use super::state::{Covariance, State, add_variance, at};
+
+/// White noise is given per sample at this period.
+const NOISE_PERIOD_S: f64 = 0.005;
+/// Readings farther apart than this are a gap: two samples at 100 Hz or three at 200 Hz are missing.
+const GAP_S: f64 = 0.025;
+/// While the gyroscope's auto-zero holds, rates up to about 1 degree/s are hidden; as white noise per sample.
+const HELD_GYRO_NOISE: f64 = 0.03;
+/// Rotation rate and acceleration of a walking carrier that a gap may hide, rad/s and m/s^2 (standard deviations).
+const HIDDEN_RATE: f64 = 0.5;
+const HIDDEN_ACCEL: f64 = 2.0;
+
+/// Noise of the loose mode after a loss (design section 4: never diverges).
+const LOOSE_GYRO_NOISE: f64 = 0.01;
+const LOOSE_ACCEL_NOISE: f64 = 0.3;
+
+/// What the propagation adds to the covariance.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Noise {
+    gyro: f64,
+    accel: f64,
+    gyro_walk: f64,
+    accel_walk: f64,
+}
+
+impl Noise {
+    /// Configured noise with its variance times `factor`, or the loose mode's.
+    pub(crate) fn new(config: &LioConfig, factor: f64, loose: bool) -> Self {
+        let scale = factor.sqrt();
+        let floor = if loose { (LOOSE_GYRO_NOISE, LOOSE_ACCEL_NOISE) } else { (0.0, 0.0) };
+        Self {
+            gyro: (config.gyro_noise_rad_s * scale).max(floor.0),
+            accel: (config.accel_noise_m_s2 * scale).max(floor.1),
+            gyro_walk: config.gyro_bias_walk,
+            accel_walk: config.accel_bias_walk,
+        }
+    }
+}
+
+/// Where the IMU was at one instant inside the frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TracePoint {
+    pub(crate) stamp_ns: i64,
+    pub(crate) state: State,
+    /// Angular velocity without bias, rad/s, IMU frame.
+    pub(crate) rate: Vector3<f64>,
+}
+
+/// Propagates from `from_ns` to `to_ns` (IMU stamps) through `readings`; returns how many gaps were bridged.
+///
+/// Before the first and after the last reading the motion is continued: rate `idle_rate` and no acceleration.
+pub(crate) fn propagate(
+    state: &mut State,
+    covariance: &mut Covariance,
+    readings: &[Reading],
+    (from_ns, to_ns): (i64, i64),
+    idle_rate: &Vector3<f64>,
+    noise: &Noise,
+    trace: &mut Vec<TracePoint>,
+) -> u64 {
+    trace.clear();
+    let mut gaps = 0;
+    let mut now_ns = from_ns;
+    let mut advance = |state: &mut State, a: &Reading, b: &Reading, gap: bool| {
+        let h = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9;
+        if h <= 0.0 {
+            return;
+        }
+        if trace.len() < trace.capacity() {
+            let rate = if a.held { Vector3::zeros() } else { a.gyro - state.gyro_bias };
+            trace.push(TracePoint { stamp_ns: a.stamp_ns, state: *state, rate });
+        }
+        step(state, covariance, a, b, h, noise);
+        if gap {
+            gaps += 1;
+            add_variance(covariance, at::ROTATION, (HIDDEN_RATE.max(a.gyro.norm()) * h).powi(2) / 12.0);
+            add_variance(covariance, at::VELOCITY, (HIDDEN_ACCEL * h).powi(2) / 12.0);
+            add_variance(covariance, at::POSITION, (HIDDEN_ACCEL * h * h).powi(2) / 48.0);
+        }
+    };
+
+    for pair in readings.windows(2) {
+        let [a, b] = pair else { continue };
+        if b.stamp_ns <= now_ns {
+            continue;
+        }
+        if a.stamp_ns >= to_ns {
+            break;
+        }
+        if a.stamp_ns > now_ns {
+            let (from, to) = idle(state, idle_rate, now_ns, a.stamp_ns);
+            advance(state, &from, &to, a.stamp_ns - now_ns > (GAP_S * 1e9) as i64);
+            now_ns = a.stamp_ns;
+        }
+        let end_ns = b.stamp_ns.min(to_ns);
+        let gap = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9 > GAP_S;
+        advance(state, &between(a, b, now_ns), &between(a, b, end_ns), gap);
+        now_ns = end_ns;
+    }
+    while now_ns < to_ns {
+        // In pieces, so that a long wait without IMU grows like the motion it stands for.
+        let end_ns = to_ns.min(now_ns + 100_000_000);
+        let (from, to) = idle(state, idle_rate, now_ns, end_ns);
+        advance(state, &from, &to, end_ns - now_ns > (GAP_S * 1e9) as i64);
+        now_ns = end_ns;
+    }
+    gaps
+}
+
+/// Readings of an IMU that keeps its velocity and turns at `rate`.
+fn idle(state: &State, rate: &Vector3<f64>, from_ns: i64, to_ns: i64) -> (Reading, Reading) {
+    let accel = state.accel_bias - state.rotation.inverse() * state.gravity;
+    let gyro = rate + state.gyro_bias;
+    let reading = |stamp_ns| Reading { stamp_ns, gyro, accel, held: false };
+    (reading(from_ns), reading(to_ns))
+}
+
+/// One trapezoid step of `h` seconds between two readings.
+fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading, h: f64, noise: &Noise) {
+    let held = a.held && b.held;
+    let rate = if held { Vector3::zeros() } else { (a.gyro + b.gyro) / 2.0 - state.gyro_bias };
+    let turn = exp_so3(&(rate * h));
+    let rotation = state.rotation;
+    let mut next = rotation * turn;
+    next.renormalize();
+    let (force_a, force_b) = (a.accel - state.accel_bias, b.accel - state.accel_bias);
+    let accel = (rotation * force_a + next * force_b) / 2.0 + state.gravity;
+
+    let r = rotation.to_rotation_matrix();
+    let mut f = Covariance::identity();
+    let mut set = |row: usize, column: usize, block: &Matrix3<f64>| {
+        f.fixed_view_mut::<3, 3>(row, column).copy_from(block);
+    };
+    let identity_h = Matrix3::identity() * h;
+    set(at::ROTATION, at::ROTATION, turn.inverse().to_rotation_matrix().matrix());
+    if !held {
+        set(at::ROTATION, at::GYRO_BIAS, &-identity_h);
+    }
+    let velocity_by_rotation = -(r.matrix() * skew(&((force_a + force_b) / 2.0))) * h;
+    let velocity_by_bias = -r.matrix() * h;
+    set(at::VELOCITY, at::ROTATION, &velocity_by_rotation);
+    set(at::VELOCITY, at::ACCEL_BIAS, &velocity_by_bias);
+    set(at::VELOCITY, at::GRAVITY, &identity_h);
+    set(at::POSITION, at::VELOCITY, &identity_h);
+    set(at::POSITION, at::ROTATION, &(velocity_by_rotation * (h / 2.0)));
+    set(at::POSITION, at::ACCEL_BIAS, &(velocity_by_bias * (h / 2.0)));
+    set(at::POSITION, at::GRAVITY, &(identity_h * (h / 2.0)));
+    *covariance = f * *covariance * f.transpose();
+
+    let gyro_noise = if held { HELD_GYRO_NOISE } else { noise.gyro };
+    add_variance(covariance, at::ROTATION, gyro_noise.powi(2) * NOISE_PERIOD_S * h);
+    add_variance(covariance, at::VELOCITY, noise.accel.powi(2) * NOISE_PERIOD_S * h);
+    add_variance(covariance, at::GYRO_BIAS, noise.gyro_walk.powi(2) * h);
+    add_variance(covariance, at::ACCEL_BIAS, noise.accel_walk.powi(2) * h);
+
+    state.position += state.velocity * h + accel * (h * h / 2.0);
+    state.velocity += accel * h;
+    state.rotation = next;
+}

@@ -1,0 +1,84 @@
+//! The filter's state and its error: `x = x_hat [+] d` with `R = R_hat Exp(d_theta)`, all else additive.
+
+use evac_geometry::{STANDARD_GRAVITY, exp_so3};
+use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+
+/// Dimension of the error state.
+pub(crate) const DIM: usize = 19;
+/// The measured part comes first: rotation, position, time offset.
+pub(crate) const MEASURED: usize = 7;
+
+/// First index of each part of the error state.
+pub(crate) mod at {
+    pub(crate) const ROTATION: usize = 0;
+    pub(crate) const POSITION: usize = 3;
+    pub(crate) const TIME_OFFSET: usize = 6;
+    pub(crate) const VELOCITY: usize = 7;
+    pub(crate) const GYRO_BIAS: usize = 10;
+    pub(crate) const ACCEL_BIAS: usize = 13;
+    pub(crate) const GRAVITY: usize = 16;
+}
+
+/// Error of the state.
+pub(crate) type Error = SVector<f64, DIM>;
+/// Covariance of the error.
+pub(crate) type Covariance = SMatrix<f64, DIM, DIM>;
+
+/// Nominal state of the IMU in the map frame, SI units.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct State {
+    /// `map_from_imu` rotation.
+    pub(crate) rotation: UnitQuaternion<f64>,
+    /// Position of the IMU in the map.
+    pub(crate) position: Vector3<f64>,
+    /// Velocity of the IMU in the map.
+    pub(crate) velocity: Vector3<f64>,
+    /// Gyroscope bias, IMU frame.
+    pub(crate) gyro_bias: Vector3<f64>,
+    /// Accelerometer bias, IMU frame.
+    pub(crate) accel_bias: Vector3<f64>,
+    /// Gravity in the map frame; its norm is standard gravity.
+    pub(crate) gravity: Vector3<f64>,
+    /// Seconds to add to an IMU stamp to get LiDAR time.
+    pub(crate) time_offset_s: f64,
+}
+
+impl State {
+    /// `x [+] d`; gravity is brought back to its norm.
+    pub(crate) fn plus(&self, d: &Error) -> Self {
+        let part = |i: usize| d.fixed_rows::<3>(i).into_owned();
+        let mut rotation = self.rotation * exp_so3(&part(at::ROTATION));
+        rotation.renormalize();
+        let gravity = self.gravity + part(at::GRAVITY);
+        Self {
+            rotation,
+            position: self.position + part(at::POSITION),
+            velocity: self.velocity + part(at::VELOCITY),
+            gyro_bias: self.gyro_bias + part(at::GYRO_BIAS),
+            accel_bias: self.accel_bias + part(at::ACCEL_BIAS),
+            gravity: gravity * (STANDARD_GRAVITY / gravity.norm()),
+            time_offset_s: self.time_offset_s + d[at::TIME_OFFSET],
+        }
+    }
+
+    /// Pose of the IMU.
+    pub(crate) fn map_from_imu(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(Translation3::from(self.position), self.rotation)
+    }
+
+    /// Whether every number is finite.
+    pub(crate) fn is_finite(&self) -> bool {
+        self.rotation.coords.iter().all(|x| x.is_finite())
+            && [self.position, self.velocity, self.gyro_bias, self.accel_bias, self.gravity]
+                .iter()
+                .all(|v| v.iter().all(|x| x.is_finite()))
+            && self.time_offset_s.is_finite()
+    }
+}
+
+/// Adds `variance` to three diagonal entries from `index` on.
+pub(crate) fn add_variance(covariance: &mut Covariance, index: usize, variance: f64) {
+    for i in index..index + 3 {
+        covariance[(i, i)] += variance;
+    }
+}

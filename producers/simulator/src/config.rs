@@ -1,0 +1,158 @@
+//! What a simulated walk can be told, with every default in sight.
+
+use std::path::PathBuf;
+
+use evac_stage::StageConfig;
+use serde::{Deserialize, Serialize};
+
+/// The building that is walked through.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WorldKind {
+    /// A basement corridor in a rectangle of 17 x 11 m, walked once round (four turns of 90 degrees on the spot).
+    #[default]
+    Corridor,
+    /// A station hall of 34 x 20 m with pillars, stairs, ticket machines and walking people.
+    Hall,
+    /// Two storeys of 3.4 m joined by a dog-leg stair, which the walker climbs.
+    Stairwell,
+}
+
+/// Configuration of the simulator.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// The building.
+    pub world: WorldKind,
+    /// Seed of noise, biases and gait phases; the building and the route do not depend on it.
+    pub seed: u64,
+    /// Ends the walk early, seconds; the whole walk where it is absent.
+    pub duration_s: Option<f64>,
+    /// Walking speed on straight legs, m/s.
+    pub speed_m_s: f64,
+    /// Peak rate of turns on the spot, degrees/s.
+    pub turn_rate_dps: f64,
+    /// Scale of the gait: 1 is 2 cm of bob at 1.8 Hz with about 1 degree of roll, pitch and yaw; 0 is a trolley.
+    pub gait: f64,
+    /// Constant roll and pitch of the IMU while standing, degrees: nobody mounts it perfectly level.
+    pub mount_tilt_deg: [f64; 2],
+    /// Range noise along the beam, one sigma, metres (Mid-40 data sheet: 2 cm at 20 m).
+    pub range_noise_m: f64,
+    /// Share of shots without return although something was hit.
+    pub drop_out_share: f64,
+    /// Share of shots with a random range.
+    pub stray_share: f64,
+    /// Nothing nearer is measured, metres.
+    pub min_range_m: f64,
+    /// Nothing farther is measured, metres (Mid-40 data sheet: 90 m at 10 % reflectivity).
+    pub max_range_m: f64,
+    /// White noise of the gyroscope per 200 Hz sample, one sigma, degrees/s.
+    pub gyro_noise_dps: f64,
+    /// White noise of the accelerometer per 200 Hz sample, one sigma, m/s^2.
+    pub accel_noise_m_s2: f64,
+    /// Gyroscope bias, one sigma per axis over seeds, degrees/s; with `auto_zero` the firmware removes most of it.
+    pub gyro_bias_dps: f64,
+    /// Accelerometer bias, one sigma per axis over seeds, m/s^2.
+    pub accel_bias_m_s2: f64,
+    /// The real device's automatic zeroing: the gyroscope reads exactly zero at rest and hides slow starts.
+    pub auto_zero: bool,
+    /// Rates below this after a standstill are hidden by `auto_zero`, degrees/s (five real logs: 0.5 to 1).
+    pub auto_zero_threshold_dps: f64,
+    /// Share of the gyroscope bias that the firmware's zeroing leaves in the data of a motion.
+    pub auto_zero_residual: f64,
+    /// IMU clock minus LiDAR clock at the start, milliseconds. 0: one clock, as after a perfect clock fit.
+    pub imu_clock_offset_ms: f64,
+    /// Rate of the IMU clock against the LiDAR clock, parts per million. 0: one clock.
+    pub imu_clock_ppm: f64,
+    /// Folder that gets `lidar.pcap`, `wt901c.bin`, `truth.tum` and `rig.toml` while the walk runs; absent: no recording.
+    pub record: Option<PathBuf>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            world: WorldKind::Corridor,
+            seed: 1,
+            duration_s: None,
+            speed_m_s: 1.1,
+            turn_rate_dps: 85.0,
+            gait: 1.0,
+            mount_tilt_deg: [0.6, -0.9],
+            range_noise_m: 0.02,
+            drop_out_share: 0.02,
+            stray_share: 0.003,
+            min_range_m: 0.3,
+            max_range_m: 90.0,
+            gyro_noise_dps: 0.08,
+            accel_noise_m_s2: 0.03,
+            gyro_bias_dps: 0.3,
+            accel_bias_m_s2: 0.03,
+            auto_zero: true,
+            auto_zero_threshold_dps: 0.75,
+            auto_zero_residual: 0.3,
+            imu_clock_offset_ms: 0.0,
+            imu_clock_ppm: 0.0,
+            record: None,
+        }
+    }
+}
+
+impl StageConfig for Config {
+    fn check(&self) -> Result<(), String> {
+        let ranges = [
+            ("duration_s", self.duration_s.unwrap_or(1.0), 0.1, 3600.0),
+            ("speed_m_s", self.speed_m_s, 0.1, 3.0),
+            ("turn_rate_dps", self.turn_rate_dps, 5.0, 360.0),
+            ("gait", self.gait, 0.0, 4.0),
+            ("mount_tilt_deg (roll)", self.mount_tilt_deg[0], -45.0, 45.0),
+            ("mount_tilt_deg (pitch)", self.mount_tilt_deg[1], -45.0, 45.0),
+            ("range_noise_m", self.range_noise_m, 0.0, 1.0),
+            ("drop_out_share", self.drop_out_share, 0.0, 1.0),
+            ("stray_share", self.stray_share, 0.0, 1.0),
+            ("min_range_m", self.min_range_m, 0.05, 10.0),
+            ("max_range_m", self.max_range_m, 10.0, 1000.0),
+            ("gyro_noise_dps", self.gyro_noise_dps, 0.0, 10.0),
+            ("accel_noise_m_s2", self.accel_noise_m_s2, 0.0, 10.0),
+            ("gyro_bias_dps", self.gyro_bias_dps, 0.0, 10.0),
+            ("accel_bias_m_s2", self.accel_bias_m_s2, 0.0, 2.0),
+            ("auto_zero_threshold_dps", self.auto_zero_threshold_dps, 0.0, 10.0),
+            ("auto_zero_residual", self.auto_zero_residual, 0.0, 1.0),
+            ("imu_clock_offset_ms", self.imu_clock_offset_ms, -1000.0, 1000.0),
+            ("imu_clock_ppm", self.imu_clock_ppm, -1000.0, 1000.0),
+        ];
+        for (key, value, low, high) in ranges {
+            if !(low..=high).contains(&value) {
+                return Err(format!(
+                    "{key} = {value} is outside {low} to {high}; leave it out for the default"
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_are_valid_and_an_unknown_key_is_refused() {
+        assert_eq!(Config::default().check(), Ok(()));
+        assert_eq!(toml::from_str::<Config>("").unwrap(), Config::default());
+        assert_eq!(toml::from_str::<Config>("world = \"hall\"").unwrap().world, WorldKind::Hall);
+        assert!(toml::from_str::<Config>("sped_m_s = 1.0").is_err());
+    }
+
+    #[test]
+    fn defaults_survive_toml() {
+        let text = toml::to_string(&Config::default()).unwrap();
+        assert_eq!(toml::from_str::<Config>(&text).unwrap(), Config::default());
+    }
+
+    #[test]
+    fn a_value_out_of_range_is_named_with_its_range() {
+        let error = Config { speed_m_s: f64::NAN, ..Config::default() }.check().unwrap_err();
+        assert!(error.contains("speed_m_s") && error.contains("0.1 to 3"), "{error}");
+        assert!(Config { gait: -1.0, ..Config::default() }.check().is_err());
+    }
+}

@@ -1,0 +1,50 @@
+//! The simulator as a producer.
+
+use evac_frames::{Point, PoseFrame};
+use evac_stage::{Rig, SensorEvent, Source, StageError};
+
+use crate::config::Config;
+use crate::mid40::SHOTS_PER_FRAME;
+use crate::walk::Walk;
+
+/// Publishes a walk as `lidar/scan`, `imu/sample` and `truth/pose`.
+#[derive(Debug)]
+pub struct Simulator {
+    walk: Walk,
+    points: Vec<Point>,
+    truth: Option<PoseFrame>,
+}
+
+impl Source for Simulator {
+    const NAME: &'static str = "simulator";
+    type Config = Config;
+
+    fn new(config: Config, rig: &Rig) -> Result<Self, StageError> {
+        let walk = Walk::new(&config, rig)?;
+        Ok(Self { walk, points: Vec::with_capacity(SHOTS_PER_FRAME), truth: None })
+    }
+
+    fn next_event(&mut self) -> Result<Option<SensorEvent>, StageError> {
+        if let Some(truth) = self.truth.take() {
+            return Ok(Some(SensorEvent::Truth(truth)));
+        }
+        let scan_ns = self.walk.next_scan_ns().unwrap_or(i64::MAX);
+        // Of a sample and a scan that end together the sample comes first: the scan is then covered at once.
+        if self.walk.next_imu_ns().is_some_and(|stamp| stamp <= scan_ns) {
+            return Ok(self.walk.next_imu().map(|sampled| SensorEvent::Imu(sampled.sample)));
+        }
+        let Some((header, truth)) = self.walk.next_scan(&mut self.points) else {
+            return Ok(None);
+        };
+        self.truth = Some(truth);
+        Ok(Some(SensorEvent::Scan(header)))
+    }
+
+    fn point(&mut self, index: usize) -> Point {
+        self.points.get(index).copied().unwrap_or_default()
+    }
+
+    fn total_scans(&self) -> Option<u64> {
+        Some(self.walk.frames())
+    }
+}

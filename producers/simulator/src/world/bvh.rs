@@ -1,0 +1,135 @@
+//! A bounding volume hierarchy: the nearest of some hundred boxes in a few box tests a ray.
+
+use super::solid::{Bounds, Ray, Solid};
+
+/// Solids in one leaf.
+const LEAF: usize = 3;
+/// Deeper than any tree over fewer than 2^32 solids that is split at the median.
+const MAX_DEPTH: usize = 40;
+
+#[derive(Debug, Clone)]
+struct Node {
+    bounds: Bounds,
+    /// First solid of a leaf, or the right child of an inner node (its left child is the next node).
+    first: usize,
+    /// Solids of a leaf, 0 for an inner node.
+    count: usize,
+}
+
+/// The tree and its solids, in the order of the leaves.
+#[derive(Debug, Clone)]
+pub(super) struct Bvh {
+    nodes: Vec<Node>,
+    solids: Vec<Solid>,
+}
+
+impl Bvh {
+    pub(super) fn new(mut solids: Vec<Solid>) -> Self {
+        let mut nodes = Vec::with_capacity(solids.len());
+        let count = solids.len();
+        if count > 0 {
+            build(&mut nodes, &mut solids, 0, count);
+        }
+        Self { nodes, solids }
+    }
+
+    #[cfg(test)]
+    pub(super) fn solids(&self) -> &[Solid] {
+        &self.solids
+    }
+
+    /// The nearest solid nearer than `limit`, with its distance.
+    pub(super) fn cast(&self, ray: &Ray, limit: f64) -> Option<(f64, &Solid)> {
+        let mut best = None;
+        let mut nearest = limit;
+        let mut stack = [(0_usize, 0.0_f64); MAX_DEPTH];
+        let mut depth = usize::from(!self.nodes.is_empty());
+        while depth > 0 {
+            depth -= 1;
+            let (index, enter) = stack[depth];
+            if enter >= nearest {
+                continue;
+            }
+            let node = &self.nodes[index];
+            if node.count > 0 {
+                for solid in &self.solids[node.first..node.first + node.count] {
+                    if let Some(range) = solid.hit(ray).filter(|range| *range < nearest) {
+                        nearest = range;
+                        best = Some((range, solid));
+                    }
+                }
+                continue;
+            }
+            let enter = |child: usize| {
+                self.nodes[child]
+                    .bounds
+                    .interval(ray)
+                    .map(|(enter, _)| enter)
+                    .filter(|enter| *enter < nearest)
+            };
+            let (left, right) = (index + 1, node.first);
+            let children = match (enter(left), enter(right)) {
+                (Some(a), Some(b)) if a <= b => [Some((right, b)), Some((left, a))],
+                (a, b) => [a.map(|a| (left, a)), b.map(|b| (right, b))],
+            };
+            for child in children.into_iter().flatten() {
+                stack[depth] = child;
+                depth += 1;
+            }
+        }
+        best
+    }
+}
+
+/// Builds the node over `solids[first..end]` and everything below it.
+fn build(nodes: &mut Vec<Node>, solids: &mut [Solid], first: usize, end: usize) {
+    let part = &mut solids[first..end];
+    let bounds = part.iter().skip(1).fold(part[0].bounds(), |all, solid| all.union(&solid.bounds()));
+    let index = nodes.len();
+    nodes.push(Node { bounds, first, count: part.len() });
+    if part.len() <= LEAF {
+        return;
+    }
+    let axis = (bounds.max - bounds.min).imax();
+    let centre = |solid: &Solid| solid.bounds().min[axis] + solid.bounds().max[axis];
+    part.sort_by(|a, b| centre(a).total_cmp(&centre(b)));
+    let middle = first + part.len() / 2;
+    build(nodes, solids, first, middle);
+    nodes[index].first = nodes.len();
+    nodes[index].count = 0;
+    build(nodes, solids, middle, end);
+}
+
+#[cfg(test)]
+mod tests {
+    use evac_geometry::nalgebra::Vector3;
+
+    use super::super::solid::Material;
+    use super::*;
+    use crate::random::Random;
+
+    #[test]
+    fn the_tree_finds_the_same_nearest_hit_as_testing_every_box() {
+        let mut random = Random::new(11, 0);
+        let mut within = |low: f64, high: f64| low + (high - low) * random.uniform();
+        let solids: Vec<Solid> = (0..300)
+            .map(|_| {
+                let centre = [within(-20.0, 20.0), within(-20.0, 20.0), within(-3.0, 3.0)];
+                let size = [within(0.05, 2.0), within(0.05, 2.0), within(0.05, 2.0)];
+                Solid::turned(centre, size, within(0.0, 180.0), Material::Metal)
+            })
+            .collect();
+        let tree = Bvh::new(solids.clone());
+        let mut hits = 0;
+        for _ in 0..2000 {
+            let origin = Vector3::new(within(-20.0, 20.0), within(-20.0, 20.0), within(-3.0, 3.0));
+            let direction = Vector3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-0.3, 0.3)).normalize();
+            let ray = Ray::new(origin, direction);
+            let all = solids.iter().filter_map(|solid| solid.hit(&ray)).fold(f64::INFINITY, f64::min);
+            let found = tree.cast(&ray, f64::INFINITY).map_or(f64::INFINITY, |(range, _)| range);
+            assert_eq!(all, found);
+            hits += usize::from(found.is_finite());
+        }
+        assert!(hits > 500, "{hits} hits are too few to prove anything");
+    }
+}

@@ -1,0 +1,82 @@
+//! The WT901C: noise, bias, 16-bit words, and the firmware's automatic zeroing of the gyroscope.
+
+use evac_geometry::STANDARD_GRAVITY;
+use evac_geometry::nalgebra::Vector3;
+
+use crate::config::Config;
+use crate::random::Random;
+use crate::trajectory::Motion;
+
+/// Time between two samples, nanoseconds.
+pub const SAMPLE_NS: i64 = 5_000_000;
+/// One bit of the accelerometer's word, m/s^2 (16 g over 32768).
+pub const ACCEL_LSB: f64 = 16.0 * STANDARD_GRAVITY / 32768.0;
+/// One bit of the gyroscope's word, rad/s (2000 degrees/s over 32768).
+pub const GYRO_LSB: f64 = 2000.0 / 32768.0 * std::f64::consts::PI / 180.0;
+
+/// The firmware calls it a standstill after this many samples below the threshold (0.3 s).
+const STANDSTILL_SAMPLES: u32 = 60;
+
+/// The sensor with its errors.
+#[derive(Debug, Clone)]
+pub(crate) struct Wt901c {
+    random: Random,
+    gyro_noise: f64,
+    accel_noise: f64,
+    /// What is left in the data of a motion, rad/s.
+    pub(crate) gyro_bias: Vector3<f64>,
+    /// m/s^2.
+    pub(crate) accel_bias: Vector3<f64>,
+    auto_zero: bool,
+    threshold: f64,
+    quiet_samples: u32,
+}
+
+impl Wt901c {
+    pub(crate) fn new(config: &Config, mut random: Random) -> Self {
+        let left = if config.auto_zero { config.auto_zero_residual } else { 1.0 };
+        let gyro_bias = Vector3::from(random.normals()) * (config.gyro_bias_dps.to_radians() * left);
+        let accel_bias = Vector3::from(random.normals()) * config.accel_bias_m_s2;
+        Self {
+            random,
+            gyro_noise: config.gyro_noise_dps.to_radians(),
+            accel_noise: config.accel_noise_m_s2,
+            gyro_bias,
+            accel_bias,
+            auto_zero: config.auto_zero,
+            threshold: config.auto_zero_threshold_dps.to_radians(),
+            // Switched on and calibrated before the walk starts, as its manual demands.
+            quiet_samples: STANDSTILL_SAMPLES,
+        }
+    }
+
+    /// The words of the next sample: acceleration and angular velocity.
+    pub(crate) fn measure(&mut self, motion: &Motion) -> ([i16; 3], [i16; 3]) {
+        let accel_noise = Vector3::from(self.random.normals()) * self.accel_noise;
+        let gyro_noise = Vector3::from(self.random.normals()) * self.gyro_noise;
+        let accel = motion.specific_force() + self.accel_bias + accel_noise;
+        let gyro = motion.angular_velocity + self.gyro_bias + gyro_noise;
+        (words(&accel, ACCEL_LSB), words(&self.zeroed(gyro), GYRO_LSB))
+    }
+
+    /// At rest the firmware puts out exact zeros, and goes on doing so until a rate exceeds its threshold: the start of a
+    /// slow turn after a standstill is hidden, small rates within a motion are not (reference logs of real devices).
+    fn zeroed(&mut self, gyro: Vector3<f64>) -> Vector3<f64> {
+        if !self.auto_zero {
+            return gyro;
+        }
+        let quiet = gyro.amax() < self.threshold;
+        self.quiet_samples = if quiet { (self.quiet_samples + 1).min(STANDSTILL_SAMPLES) } else { 0 };
+        if self.quiet_samples == STANDSTILL_SAMPLES { Vector3::zeros() } else { gyro }
+    }
+}
+
+/// A sample's words in SI units, as a reader of the wire sees them.
+pub(crate) fn in_si(words: [i16; 3], lsb: f64) -> [f64; 3] {
+    words.map(|word| f64::from(word) * lsb)
+}
+
+/// Rounded to whole bits; the casts saturate as the device does.
+fn words(value: &Vector3<f64>, lsb: f64) -> [i16; 3] {
+    <[f64; 3]>::from(*value).map(|x| (x / lsb).round() as i16)
+}

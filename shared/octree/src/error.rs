@@ -1,0 +1,42 @@
+//! What the map refuses.
+
+/// Why a map cannot be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MapError {
+    /// The edge of a voxel is out of range.
+    #[error("the resolution is {0} m; give the edge of a voxel between 0.0001 and 1000 m")]
+    Resolution(f64),
+    /// A probability or the order of two of them makes no sensor model.
+    #[error(
+        "{name} is {value}; probabilities lie between 0 and 1, a miss below 0.5, a hit above, clamp_min below clamp_max"
+    )]
+    Probability {
+        /// The parameter.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The ceiling on bricks allows no voxel at all.
+    #[error("max_bricks is 0; allow at least one brick (about 2.2 kB each)")]
+    NoBricks,
+    /// A tree needs more memory than the map may use.
+    #[error("the tree needs more than {max_bricks} bricks of 8x8x8 voxels; raise max_bricks (about 2.2 kB each)")]
+    TooLarge {
+        /// The ceiling.
+        max_bricks: u32,
+    },
+}
+
+/// Why a point or voxel did not go into the map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Rejected {
+    /// A coordinate or log-odds value is NaN or infinite.
+    #[error("not a finite number")]
+    NotFinite,
+    /// Beyond the 65536 voxels a side that keys can name.
+    #[error("beyond the key space of 65536 voxels a side")]
+    OutsideKeySpace,
+    /// A new brick would exceed the map's ceiling.
+    #[error("the map holds as many bricks as it may")]
+    Full,
+}

@@ -1,0 +1,193 @@
+//! The map itself: single voxels in and out.
+
+use evac_frames::{Voxel, voxel_flags};
+
+use crate::bricks::{Bricks, has, set};
+use crate::marks::ScanMarks;
+use crate::morton::{self, BRICK_BITS};
+use crate::{Key, KeySpace, MapError, Occupancy, Rejected, SensorModel};
+
+/// What a map is made from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapConfig {
+    /// Edge of a voxel, metres.
+    pub resolution: f64,
+    /// How rays change voxels.
+    pub sensor: SensorModel,
+    /// Most bricks of 8 x 8 x 8 voxels that the map may hold (about 2.2 kB each); further ones are refused and counted.
+    pub max_bricks: u32,
+}
+
+impl MapConfig {
+    /// OctoMap's sensor model and a ceiling of 1,000,000 bricks (2.2 GB).
+    pub fn new(resolution: f64) -> Self {
+        Self { resolution, sensor: SensorModel::default(), max_bricks: 1_000_000 }
+    }
+}
+
+/// A sparse voxel map with OctoMap's semantics.
+#[derive(Debug)]
+pub struct OctreeMap {
+    space: KeySpace,
+    pub(crate) sensor: SensorModel,
+    pub(crate) bricks: Bricks,
+    pub(crate) marks: ScanMarks,
+    /// One ray, where it must be walked backwards.
+    pub(crate) ray: Vec<u64>,
+    /// Voxels with a log-odds value.
+    pub(crate) known: usize,
+    /// Voxels with a value or a flag.
+    pub(crate) listed: usize,
+    /// Voxels that the last scan changed.
+    pub(crate) changed: usize,
+}
+
+impl OctreeMap {
+    /// An empty map.
+    ///
+    /// # Errors
+    /// [`MapError`] where the resolution is no length or no brick is allowed.
+    pub fn new(config: MapConfig) -> Result<Self, MapError> {
+        let MapConfig { resolution, sensor, max_bricks } = config;
+        let space = KeySpace::new(resolution).ok_or(MapError::Resolution(resolution))?;
+        if max_bricks == 0 {
+            return Err(MapError::NoBricks);
+        }
+        Ok(Self {
+            space,
+            sensor,
+            bricks: Bricks::new(max_bricks),
+            marks: ScanMarks::new(max_bricks),
+            ray: Vec::new(),
+            known: 0,
+            listed: 0,
+            changed: 0,
+        })
+    }
+
+    /// Coordinates and keys of this map.
+    pub fn space(&self) -> &KeySpace {
+        &self.space
+    }
+
+    /// How rays change voxels.
+    pub fn sensor(&self) -> &SensorModel {
+        &self.sensor
+    }
+
+    /// Voxels with a log-odds value.
+    pub fn known(&self) -> usize {
+        self.known
+    }
+
+    /// Bricks of 8 x 8 x 8 voxels in the map.
+    pub fn bricks(&self) -> u32 {
+        self.bricks.len()
+    }
+
+    /// Bytes that the voxels and their directory take, untouched pages included; not the scratch of a scan.
+    pub fn memory_bytes(&self) -> usize {
+        self.bricks.memory_bytes()
+    }
+
+    /// One hit or miss at a point, without a ray: OctoMap's `updateNode(point, hit)`. Gives the new log-odds.
+    ///
+    /// # Errors
+    /// [`Rejected`]; the map is unchanged.
+    pub fn update_node(&mut self, point: [f32; 3], hit: bool) -> Result<f32, Rejected> {
+        if !point.iter().all(|c| c.is_finite()) {
+            return Err(Rejected::NotFinite);
+        }
+        let key = self.space.key(point).ok_or(Rejected::OutsideKeySpace)?;
+        let update = if hit { self.sensor.hit } else { self.sensor.miss };
+        let log_odds = match self.log_odds(key) {
+            Some(old) => self.sensor.updated(old, update),
+            None => self.sensor.first(update),
+        };
+        self.set_voxel(key, log_odds)?;
+        Ok(log_odds)
+    }
+
+    /// Sets a voxel's log-odds as they are, beyond the clamps if need be.
+    ///
+    /// # Errors
+    /// [`Rejected`]; the map is unchanged.
+    pub fn set_voxel(&mut self, key: Key, log_odds: f32) -> Result<(), Rejected> {
+        if !log_odds.is_finite() {
+            return Err(Rejected::NotFinite);
+        }
+        let (place, voxel) = self.find_or_add(key)?;
+        let brick = self.bricks.get_mut(place);
+        brick.log_odds[voxel] = log_odds;
+        if set(brick.known, voxel) {
+            self.known += 1;
+            self.listed += usize::from(!has(brick.ground, voxel));
+        }
+        Ok(())
+    }
+
+    /// Gives a voxel the ground flag. It may stay unknown.
+    ///
+    /// # Errors
+    /// [`Rejected`]; the map is unchanged.
+    pub fn set_ground(&mut self, key: Key) -> Result<(), Rejected> {
+        let (place, voxel) = self.find_or_add(key)?;
+        let brick = self.bricks.get_mut(place);
+        if set(brick.ground, voxel) {
+            self.listed += usize::from(!has(brick.known, voxel));
+        }
+        Ok(())
+    }
+
+    /// Takes over a voxel of another map's [`OctreeMap::changes`] or [`OctreeMap::voxels`].
+    ///
+    /// # Errors
+    /// [`Rejected`]; the map is unchanged.
+    pub fn apply(&mut self, voxel: &Voxel) -> Result<(), Rejected> {
+        if voxel.flags & voxel_flags::KNOWN != 0 {
+            self.set_voxel(voxel.key, voxel.log_odds)?;
+        }
+        if voxel.flags & voxel_flags::GROUND != 0 {
+            self.set_ground(voxel.key)?;
+        }
+        Ok(())
+    }
+
+    /// Log-odds of a voxel; `None` where it is unknown.
+    #[inline]
+    pub fn log_odds(&self, key: Key) -> Option<f32> {
+        let (brick, voxel) = split(key);
+        let brick = self.bricks.get(self.bricks.find(brick)?);
+        has(brick.known, voxel).then(|| brick.log_odds[voxel])
+    }
+
+    /// What is known of a voxel.
+    #[inline]
+    pub fn occupancy(&self, key: Key) -> Occupancy {
+        match self.log_odds(key) {
+            None => Occupancy::Unknown,
+            Some(value) if self.sensor.is_occupied(value) => Occupancy::Occupied,
+            Some(_) => Occupancy::Free,
+        }
+    }
+
+    /// Whether a ground point was seen in a voxel.
+    #[inline]
+    pub fn is_ground(&self, key: Key) -> bool {
+        let (brick, voxel) = split(key);
+        self.bricks.find(brick).is_some_and(|place| has(self.bricks.get(place).ground, voxel))
+    }
+
+    fn find_or_add(&mut self, key: Key) -> Result<(u32, usize), Rejected> {
+        let (brick, voxel) = split(key);
+        let place = self.bricks.find_or_add(brick).ok_or(Rejected::Full)?;
+        Ok((place, voxel))
+    }
+}
+
+/// Code of the brick that holds a voxel, and the voxel's number in it.
+#[inline]
+fn split(key: Key) -> (u64, usize) {
+    let code = morton::encode(key);
+    (code >> BRICK_BITS, (code & ((1 << BRICK_BITS) - 1)) as usize)
+}

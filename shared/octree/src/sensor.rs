@@ -1,0 +1,192 @@
+//! The inverse sensor model and its arithmetic.
+
+use evac_formats::octomap::BinaryValues;
+
+use crate::MapError;
+
+/// What is known of a voxel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Occupancy {
+    /// No ray went through it or ended in it.
+    Unknown,
+    /// Below the threshold.
+    Free,
+    /// At or above the threshold.
+    Occupied,
+}
+
+/// A sensor model in probabilities, as configuration files give it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probabilities {
+    /// P(n | z) of a voxel in which a ray ends.
+    pub hit: f64,
+    /// P(n | z) of a voxel through which a ray passes.
+    pub miss: f64,
+    /// Lower bound of P(n | z_1:t).
+    pub clamp_min: f64,
+    /// Upper bound of P(n | z_1:t).
+    pub clamp_max: f64,
+    /// A voxel is occupied from this probability on.
+    pub occupied: f64,
+}
+
+impl Default for Probabilities {
+    /// OctoMap's.
+    fn default() -> Self {
+        Self { hit: 0.7, miss: 0.4, clamp_min: 0.1192, clamp_max: 0.971, occupied: 0.5 }
+    }
+}
+
+/// A sensor model in log-odds.
+///
+/// With L(n) = ln(P(n) / (1 - P(n))) (the paper's Eq. 8) the recursive Bayes filter of Eq. 7 with a prior of 0.5
+/// becomes the sum L(n | z_1:t) = L(n | z_1:t-1) + L(n | z_t) (Eq. 9), where L(n | z_t) is [`Self::hit`] for the voxel
+/// in which a ray ends and [`Self::miss`] for those it passes. The sum is clamped to
+/// [[`Self::clamp_min`], [`Self::clamp_max`]] (Eq. 10), so that a map follows a change after a bounded number of scans
+/// and equal neighbours can be merged. All in `f32`, rounded as OctoMap rounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorModel {
+    /// Added for a ray that ends in the voxel; positive.
+    pub hit: f32,
+    /// Added for a ray that passes through; negative.
+    pub miss: f32,
+    /// Least log-odds.
+    pub clamp_min: f32,
+    /// Greatest log-odds.
+    pub clamp_max: f32,
+    /// A voxel is occupied from here on.
+    pub occupied: f32,
+}
+
+impl Default for SensorModel {
+    /// OctoMap's: probabilities 0.7, 0.4, 0.1192, 0.971 and 0.5.
+    fn default() -> Self {
+        let Probabilities { hit, miss, clamp_min, clamp_max, occupied } = Probabilities::default();
+        Self {
+            hit: log_odds(hit),
+            miss: log_odds(miss),
+            clamp_min: log_odds(clamp_min),
+            clamp_max: log_odds(clamp_max),
+            occupied: log_odds(occupied),
+        }
+    }
+}
+
+impl SensorModel {
+    /// The model in log-odds.
+    ///
+    /// # Errors
+    /// [`MapError::Probability`] where a value is no probability, a hit would clear or a miss occupy, or the clamps
+    /// are in the wrong order.
+    pub fn from_probabilities(model: &Probabilities) -> Result<Self, MapError> {
+        let Probabilities { hit, miss, clamp_min, clamp_max, occupied } = *model;
+        let checks = [
+            ("hit", hit, hit > 0.5 && hit < 1.0),
+            ("miss", miss, miss > 0.0 && miss < 0.5),
+            ("clamp_min", clamp_min, clamp_min > 0.0 && clamp_min < clamp_max),
+            ("clamp_max", clamp_max, clamp_max < 1.0),
+            ("occupied", occupied, occupied > 0.0 && occupied < 1.0),
+        ];
+        if let Some(&(name, value, _)) = checks.iter().find(|(_, _, holds)| !holds) {
+            return Err(MapError::Probability { name, value });
+        }
+        Ok(Self {
+            hit: log_odds(hit),
+            miss: log_odds(miss),
+            clamp_min: log_odds(clamp_min),
+            clamp_max: log_odds(clamp_max),
+            occupied: log_odds(occupied),
+        })
+    }
+
+    /// Whether a voxel of this value is occupied.
+    #[inline]
+    pub fn is_occupied(&self, log_odds: f32) -> bool {
+        log_odds >= self.occupied
+    }
+
+    /// The values that a `.bt` file written from this model's map stands for.
+    pub fn binary_values(&self) -> BinaryValues {
+        BinaryValues { free: self.clamp_min, occupied: self.clamp_max, threshold: self.occupied }
+    }
+
+    /// The value of a known voxel after one ray. A value at or beyond the clamp towards which the ray pushes stays as
+    /// it is, also where it was set from outside.
+    #[inline]
+    pub(crate) fn updated(&self, log_odds: f32, update: f32) -> f32 {
+        if (update >= 0.0 && log_odds >= self.clamp_max) || (update <= 0.0 && log_odds <= self.clamp_min) {
+            return log_odds;
+        }
+        self.clamped(log_odds + update)
+    }
+
+    /// The value of an unknown voxel (log-odds zero, a probability of 0.5) after its first ray.
+    #[inline]
+    pub(crate) fn first(&self, update: f32) -> f32 {
+        self.clamped(update)
+    }
+
+    #[inline]
+    fn clamped(&self, log_odds: f32) -> f32 {
+        if log_odds < self.clamp_min {
+            self.clamp_min
+        } else if log_odds > self.clamp_max {
+            self.clamp_max
+        } else {
+            log_odds
+        }
+    }
+}
+
+/// L = ln(P / (1 - P)), computed in `f64` and rounded once.
+fn log_odds(probability: f64) -> f32 {
+    (probability / (1.0 - probability)).ln() as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_log_odds_are_octomaps_to_the_last_bit() {
+        let model = SensorModel::default();
+        assert_eq!(model.hit, 0.847_297_847);
+        assert_eq!(model.miss, -0.405_465_096);
+        assert_eq!(model.clamp_min, -2.000_027_89);
+        assert_eq!(model.clamp_max, 3.511_030_67);
+        assert_eq!(model.occupied, 0.0);
+        assert_eq!(model.binary_values(), BinaryValues::default());
+        assert_eq!(SensorModel::from_probabilities(&Probabilities::default()), Ok(model));
+    }
+
+    #[test]
+    fn a_model_that_cannot_be_meant_is_refused_by_name() {
+        let good = Probabilities::default();
+        let cases = [
+            (Probabilities { hit: 0.4, ..good }, "hit"),
+            (Probabilities { miss: 0.6, ..good }, "miss"),
+            (Probabilities { clamp_min: 0.98, ..good }, "clamp_min"),
+            (Probabilities { clamp_max: 1.0, ..good }, "clamp_max"),
+            (Probabilities { occupied: f64::NAN, ..good }, "occupied"),
+        ];
+        for (model, expected) in cases {
+            let refusal = SensorModel::from_probabilities(&model);
+            assert!(matches!(refusal, Err(MapError::Probability { name, .. }) if name == expected));
+        }
+    }
+
+    #[test]
+    fn a_clamped_voxel_changes_its_mind_after_a_bounded_number_of_scans() {
+        let model = SensorModel::default();
+        let mut value = model.first(model.hit);
+        for _ in 0..1000 {
+            value = model.updated(value, model.hit);
+        }
+        assert_eq!(value, model.clamp_max);
+        let misses = (1..).find(|_| {
+            value = model.updated(value, model.miss);
+            !model.is_occupied(value)
+        });
+        assert_eq!(misses, Some(9));
+    }
+}

@@ -1,0 +1,79 @@
+//! Sleeping until one of several services has news. Nothing polls or spins.
+
+use std::ops::ControlFlow;
+use std::time::Duration;
+
+use iceoryx2::port::listener::Listener as EventListener;
+use iceoryx2::prelude::*;
+use iceoryx2::waitset::WaitSetRunResult;
+
+use crate::PortError;
+use crate::bus::{Bus, Ipc, retry};
+use crate::services::Qos;
+
+/// The ear of one service's reader.
+#[derive(Debug)]
+pub struct Listener {
+    listener: EventListener<Ipc>,
+}
+
+impl Listener {
+    pub(crate) fn open(bus: &Bus, service: &'static str, qos: &Qos) -> Result<Self, PortError> {
+        let events = bus.events(service, qos)?;
+        let listener = retry(service, "listen", || events.listener_builder().create())?;
+        Ok(Self { listener })
+    }
+
+    /// Takes all pending wake-ups: they are coalesced, and undrained ones would wake again at once.
+    pub(crate) fn drain(&self) -> u64 {
+        self.listener.try_wait(|_| {}).unwrap_or(0)
+    }
+}
+
+/// Why the waiting process woke.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wake {
+    /// News or the time-out.
+    Look,
+    /// SIGINT or SIGTERM.
+    Stop,
+}
+
+/// Calls `look` after every wake-up: when a listener hears something, when the time-out that `look` gave last has
+/// passed, and on SIGINT or SIGTERM. Returns when `look` breaks.
+///
+/// # Errors
+/// [`PortError::Refused`] when the middleware cannot wait, and whatever `look` breaks with.
+pub fn wait_on<B>(
+    listeners: &[Listener],
+    mut look: impl FnMut(Wake) -> ControlFlow<B, Duration>,
+) -> Result<B, PortError> {
+    const SERVICE: &str = "(all)";
+    let refused = |cause: String| PortError::refused(SERVICE, "wait", cause);
+    let waitset = WaitSetBuilder::new()
+        .signal_handling_mode(SignalHandlingMode::HandleTerminationRequests)
+        .create::<Ipc>()
+        .map_err(|e| refused(format!("{e:?}")))?;
+    let mut guards = Vec::with_capacity(listeners.len());
+    for listener in listeners {
+        guards.push(waitset.attach_notification(&listener.listener).map_err(|e| refused(format!("{e:?}")))?);
+    }
+    let mut wake = Wake::Look;
+    loop {
+        let timeout = match look(wake) {
+            ControlFlow::Continue(timeout) => timeout,
+            ControlFlow::Break(value) => return Ok(value),
+        };
+        let result = waitset
+            .wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, timeout)
+            .map_err(|e| refused(format!("{e:?}")))?;
+        wake = match result {
+            WaitSetRunResult::TerminationRequest | WaitSetRunResult::Interrupt => Wake::Stop,
+            _ => Wake::Look,
+        };
+        // Before reading the data, so that a notification which comes while reading wakes again.
+        for listener in listeners {
+            listener.drain();
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! A stage's report about itself: counters and latency percentiles, each second and once at its end.
+
+use evac_frames::{FrameHeader, Health, LatencySummary, StageState};
+use evac_ports::services::HealthStatus;
+use evac_ports::{Bus, PortError, RecordPublisher, now_ns};
+use hdrhistogram::Histogram;
+
+use crate::Counters;
+
+/// Time between two reports.
+const INTERVAL_NS: i64 = 1_000_000_000;
+
+/// Counts and times what a stage does and publishes it on `health/status`.
+#[derive(Debug)]
+pub struct Reporter {
+    publisher: RecordPublisher<HealthStatus>,
+    health: Health,
+    ipc: Latency,
+    compute: Latency,
+    end_to_end: Latency,
+    /// What came in.
+    pub input: InputCounters,
+    /// What the stage itself counts.
+    pub counters: Counters,
+    last_report: (i64, u64),
+}
+
+/// What the joining of streams counts.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct InputCounters {
+    /// Frames that never came.
+    pub lost: u64,
+    /// Frames that came too late for their partner.
+    pub late: u64,
+    /// IMU samples that never came.
+    pub imu_lost: u64,
+    /// IMU samples that were not in the order of time.
+    pub imu_rejected: u64,
+}
+
+impl Reporter {
+    /// Opens the health service and says that the stage is waiting.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn open(bus: &Bus, name: &str, epoch: u32) -> Result<Self, PortError> {
+        let health = Health {
+            name: Health::text(name),
+            pid: std::process::id(),
+            epoch,
+            state: StageState::Waiting as u32,
+            ..Health::default()
+        };
+        let mut reporter = Self {
+            publisher: RecordPublisher::open(bus)?,
+            health,
+            ipc: Latency::new(),
+            compute: Latency::new(),
+            end_to_end: Latency::new(),
+            input: InputCounters::default(),
+            counters: Counters::default(),
+            last_report: (now_ns(), 0),
+        };
+        reporter.publish()?;
+        Ok(reporter)
+    }
+
+    /// A frame came in from another process.
+    pub fn received(&mut self, sent_ns: i64) {
+        self.health.last_input_ns = now_ns();
+        self.ipc.record(self.health.last_input_ns - sent_ns);
+    }
+
+    /// A frame with all its partners is about to be processed.
+    pub fn begin(&mut self) {
+        self.health.frames_in += 1;
+        if self.health.state == StageState::Waiting as u32 {
+            self.health.state = StageState::Running as u32;
+        }
+    }
+
+    /// The frame that `begin` announced is done; `complete_ns` is when its last partner had come.
+    pub fn done(&mut self, header: &FrameHeader, complete_ns: i64) {
+        let now = now_ns();
+        self.health.frames_out += 1;
+        self.health.last_seq = header.seq;
+        self.compute.record(now - complete_ns);
+        self.end_to_end.record(now - header.arrival_ns);
+    }
+
+    /// How many frames the whole stream will have.
+    pub fn expect(&mut self, total: Option<u64>) {
+        self.health.total = total.unwrap_or(0);
+    }
+
+    /// Publishes a report if one is due; returns nanoseconds until the next.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn report_if_due(&mut self) -> Result<i64, PortError> {
+        let due = self.last_report.0 + INTERVAL_NS - now_ns();
+        if due > 0 {
+            return Ok(due);
+        }
+        self.publish()?;
+        Ok(INTERVAL_NS)
+    }
+
+    /// Publishes a last report with the final state and, where it failed, the reason.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    pub fn end(&mut self, state: StageState, reason: &str) -> Result<(), PortError> {
+        self.health.state = state as u32;
+        self.health.reason = Health::text(reason);
+        self.publish()
+    }
+
+    fn publish(&mut self) -> Result<(), PortError> {
+        let now = now_ns();
+        let (then, frames) = self.last_report;
+        let elapsed = now - then;
+        if elapsed > 0 {
+            let arrived = u128::from(self.health.frames_in - frames);
+            self.health.rate_millihertz =
+                (arrived * 1_000_000_000_000 / elapsed.unsigned_abs() as u128) as u64;
+        }
+        self.last_report = (now, self.health.frames_in);
+        self.health.reported_ns = now;
+        self.health.lost = self.input.lost;
+        self.health.late = self.input.late + self.counters.late;
+        self.health.degraded = self.counters.degraded;
+        self.health.rejected = self.counters.rejected + self.input.imu_rejected;
+        self.health.imu_lost = self.input.imu_lost;
+        self.health.ipc = self.ipc.summary();
+        self.health.compute = self.compute.summary();
+        self.health.end_to_end = self.end_to_end.summary();
+        self.publisher.publish(&self.health)
+    }
+}
+
+/// A histogram from 1 us to 100 s with 1 % resolution; everything is allocated at the start.
+#[derive(Debug)]
+struct Latency(Option<Histogram<u32>>);
+
+impl Latency {
+    fn new() -> Self {
+        // The bounds are constants that the histogram accepts; without it the report would say count 0.
+        Self(Histogram::new_with_bounds(1_000, 100_000_000_000, 2).ok())
+    }
+
+    fn record(&mut self, nanoseconds: i64) {
+        if let Some(histogram) = &mut self.0 {
+            histogram.saturating_record(nanoseconds.max(0).unsigned_abs());
+        }
+    }
+
+    fn summary(&self) -> LatencySummary {
+        self.0.as_ref().map_or_else(LatencySummary::default, |histogram| LatencySummary {
+            count: histogram.len(),
+            p50_ns: histogram.value_at_quantile(0.5),
+            p99_ns: histogram.value_at_quantile(0.99),
+            max_ns: histogram.max(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_are_those_of_the_values() {
+        let mut latency = Latency::new();
+        for ms in 1..=100 {
+            latency.record(ms * 1_000_000);
+        }
+        let summary = latency.summary();
+        assert_eq!(summary.count, 100);
+        for (value, expected) in [(summary.p50_ns, 50e6), (summary.p99_ns, 99e6), (summary.max_ns, 100e6)] {
+            assert!((value as f64 / expected - 1.0).abs() < 0.02, "{value} {expected}");
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! Joining streams: complete sets for the stages, out of several services, by sequence number and time.
+//!
+//! A join keeps scans by borrowing them from shared memory; no cloud is copied.
+
+mod map;
+mod plan;
+mod scan_imu;
+mod scan_pose;
+mod seq;
+mod sink;
+
+use evac_frames::FrameHeader;
+use evac_ports::{Bus, Listener, PortError};
+
+pub use plan::PlanJoin;
+pub use scan_imu::{DeskewedScanWithImu, RawScanWithImu, ScanImuJoin};
+pub use scan_pose::ScanPoseJoin;
+pub use sink::SinkJoin;
+
+use crate::Reporter;
+
+/// How a join deals with what does not come.
+#[derive(Debug, Clone, Copy)]
+pub struct JoinOptions {
+    /// Lossless mode: wait for every partner instead of going on without it.
+    pub lossless: bool,
+    /// Whether an odometry runs in the pipeline, whose poses the deskewer may wait for.
+    pub has_odometry: bool,
+}
+
+/// Scans that a join may hold while it waits for their partners; below what the services let a subscriber borrow.
+pub(crate) const MAX_HELD: usize = 20;
+
+/// Collects from several services what one call of a stage needs.
+pub trait Join: Sized {
+    /// Services it reads.
+    const SERVICES: &'static [&'static str];
+    /// A complete set, borrowed from the join.
+    type Frame<'a>;
+
+    /// Opens the services, with the listeners that wake the run loop.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn open(bus: &Bus, options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError>;
+
+    /// Takes everything that has come.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError>;
+
+    /// Hands the next complete set to `process` with the header it is counted by; `None` when there is none.
+    fn next<R>(
+        &mut self,
+        reporter: &mut Reporter,
+        process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
+    ) -> Option<R>;
+
+    /// Host monotonic time at which `next` will go on without what has not come.
+    fn deadline_ns(&self) -> Option<i64> {
+        None
+    }
+}

@@ -1,0 +1,164 @@
+//! A scan with the IMU data that covers it (paper section 2.2, synchronisation of both streams).
+
+use std::collections::VecDeque;
+
+use evac_frames::{FrameHeader, ImuSample, PoseFrame, ScanHeader, frame_flags};
+use evac_ports::services::{FrameService, Imu, LidarScan, OdometryPose, ScanDeskewed};
+use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RecordSubscriber, now_ns};
+
+use super::seq::SeqTracker;
+use super::{Join, JoinOptions, MAX_HELD};
+use crate::{Reporter, ScanWithImu};
+
+/// Input of the deskewer: raw scans, IMU, and the pose before as motion prior.
+pub type RawScanWithImu = ScanImuJoin<LidarScan, true>;
+/// Input of an odometry: deskewed scans and IMU.
+pub type DeskewedScanWithImu = ScanImuJoin<ScanDeskewed, false>;
+
+/// IMU samples kept: 20 s at 200 Hz; a LiDAR that is silent for longer starts anew.
+const MAX_IMU: usize = 4096;
+/// Live: how long a scan waits for the IMU samples that cover it. Serial adapters batch up to 16 ms; ten times that is a fault.
+const IMU_PATIENCE_NS: i64 = 200_000_000;
+/// Lossless: how long a scan waits for a partner before the run is taken for broken.
+const LOSSLESS_PATIENCE_NS: i64 = 20_000_000_000;
+
+/// Joins scans with the IMU samples that cover them and, if `PRIOR`, with the pose of the scan before.
+#[derive(Debug)]
+pub struct ScanImuJoin<S: FrameService<Header = ScanHeader>, const PRIOR: bool> {
+    scans: FrameSubscriber<S>,
+    imu_port: RecordSubscriber<Imu>,
+    pose_port: Option<RecordSubscriber<OdometryPose>>,
+    options: JoinOptions,
+    held: VecDeque<(FrameSample<S>, i64)>,
+    imu: Vec<ImuSample>,
+    imu_ended: bool,
+    prior: Option<PoseFrame>,
+    previous_end_ns: Option<i64>,
+    scan_seq: SeqTracker,
+    imu_seq: SeqTracker,
+}
+
+impl<S, const PRIOR: bool> Join for ScanImuJoin<S, PRIOR>
+where
+    S: FrameService<Header = ScanHeader, Item = evac_frames::Point>,
+{
+    const SERVICES: &'static [&'static str] =
+        if PRIOR { &[S::NAME, "imu/sample", "odometry/pose"] } else { &[S::NAME, "imu/sample"] };
+    type Frame<'a> = ScanWithImu<'a>;
+
+    fn open(bus: &Bus, options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
+        let (scans, scan_listener) = FrameSubscriber::open(bus)?;
+        let (imu_port, imu_listener) = RecordSubscriber::open(bus)?;
+        let mut listeners = vec![scan_listener, imu_listener];
+        let mut pose_port = None;
+        if PRIOR {
+            let (port, listener) = RecordSubscriber::open(bus)?;
+            pose_port = Some(port);
+            listeners.push(listener);
+        }
+        let join = Self {
+            scans,
+            imu_port,
+            pose_port,
+            options,
+            held: VecDeque::with_capacity(MAX_HELD + 1),
+            imu: Vec::with_capacity(MAX_IMU),
+            imu_ended: false,
+            prior: None,
+            previous_end_ns: None,
+            scan_seq: SeqTracker::default(),
+            imu_seq: SeqTracker::default(),
+        };
+        Ok((join, listeners))
+    }
+
+    fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
+        if let Some(port) = &self.pose_port {
+            while let Some(pose) = port.receive()? {
+                self.prior = Some(pose);
+            }
+        }
+        while let Some(scan) = self.scans.receive()? {
+            let frame = scan.header().frame;
+            reporter.received(frame.sent_ns);
+            let Some(gap) = self.scan_seq.gap(frame.seq) else { continue };
+            reporter.input.lost += gap;
+            self.held.push_back((scan, now_ns()));
+            if self.held.len() > MAX_HELD {
+                self.held.pop_front();
+                reporter.input.lost += 1;
+            }
+        }
+        while let Some(sample) = self.imu_port.receive()? {
+            self.take_imu(sample, reporter);
+        }
+        Ok(())
+    }
+
+    fn next<R>(
+        &mut self,
+        reporter: &mut Reporter,
+        process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
+    ) -> Option<R> {
+        let waited_too_long = self.deadline_ns().is_some_and(|deadline| now_ns() >= deadline);
+        let (scan, _) = self.held.front()?;
+        let frame = scan.header().frame;
+        let covered = self.imu_ended || self.imu.last().is_some_and(|last| last.stamp_ns >= frame.end_ns);
+        if !(covered && self.prior_is_here(&frame)) && !waited_too_long {
+            return None;
+        }
+        let (scan, _) = self.held.pop_front()?;
+        let from_ns = self.previous_end_ns.map_or(i64::MIN, |end| end.min(frame.start_ns));
+        let first = last_at_or_before(&self.imu, from_ns);
+        let end = (self.imu.partition_point(|sample| sample.stamp_ns < frame.end_ns) + 1).min(self.imu.len());
+        let input = ScanWithImu {
+            header: scan.header(),
+            points: scan.items(),
+            imu: self.imu.get(first..end).unwrap_or_default(),
+            imu_covers: covered,
+            prior: self.prior.as_ref().filter(|prior| PRIOR && prior.frame.seq < frame.seq),
+        };
+        let result = process(input, &frame, reporter);
+        self.previous_end_ns = Some(frame.end_ns);
+        self.imu.drain(..last_at_or_before(&self.imu, frame.end_ns));
+        Some(result)
+    }
+
+    fn deadline_ns(&self) -> Option<i64> {
+        let patience = if self.options.lossless { LOSSLESS_PATIENCE_NS } else { IMU_PATIENCE_NS };
+        self.held.front().map(|(_, received_ns)| received_ns + patience)
+    }
+}
+
+impl<S: FrameService<Header = ScanHeader>, const PRIOR: bool> ScanImuJoin<S, PRIOR> {
+    fn take_imu(&mut self, sample: ImuSample, reporter: &mut Reporter) {
+        if sample.flags & frame_flags::END_OF_STREAM != 0 {
+            self.imu_ended = true;
+            return;
+        }
+        let Some(gap) = self.imu_seq.gap(sample.seq) else { return };
+        reporter.input.imu_lost += gap;
+        let finite = sample.gyro.iter().chain(&sample.accel).all(|value| value.is_finite());
+        if !finite || self.imu.last().is_some_and(|last| sample.stamp_ns <= last.stamp_ns) {
+            reporter.input.imu_rejected += 1;
+            return;
+        }
+        if self.imu.len() == MAX_IMU {
+            self.imu.drain(..MAX_IMU / 2);
+            reporter.input.imu_lost += (MAX_IMU / 2) as u64;
+        }
+        self.imu.push(sample);
+    }
+
+    /// In lossless mode the deskewer works with the pose of exactly the scan before, so that every run is the same.
+    fn prior_is_here(&self, frame: &FrameHeader) -> bool {
+        let waits =
+            PRIOR && self.options.lossless && self.options.has_odometry && self.previous_end_ns.is_some();
+        !waits || self.prior.is_some_and(|prior| prior.frame.seq + 1 >= frame.seq)
+    }
+}
+
+/// Index of the last sample at or before `time_ns`, 0 where there is none.
+fn last_at_or_before(imu: &[ImuSample], time_ns: i64) -> usize {
+    imu.partition_point(|sample| sample.stamp_ns <= time_ns).saturating_sub(1)
+}

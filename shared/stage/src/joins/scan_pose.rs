@@ -1,0 +1,81 @@
+//! A deskewed scan with its pose.
+
+use std::collections::VecDeque;
+
+use evac_frames::{FrameHeader, PoseFrame};
+use evac_ports::services::{OdometryPose, ScanDeskewed};
+use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RecordSubscriber};
+
+use super::seq::SeqTracker;
+use super::{Join, JoinOptions, MAX_HELD};
+use crate::{Reporter, ScanWithPose};
+
+/// Joins deskewed scans with the poses of the same sequence number.
+#[derive(Debug)]
+pub struct ScanPoseJoin {
+    scans: FrameSubscriber<ScanDeskewed>,
+    poses: RecordSubscriber<OdometryPose>,
+    held: VecDeque<FrameSample<ScanDeskewed>>,
+    waiting: VecDeque<PoseFrame>,
+    seq: SeqTracker,
+}
+
+impl Join for ScanPoseJoin {
+    const SERVICES: &'static [&'static str] = &["scan/deskewed", "odometry/pose"];
+    type Frame<'a> = ScanWithPose<'a>;
+
+    fn open(bus: &Bus, _options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
+        let (scans, scan_listener) = FrameSubscriber::open(bus)?;
+        let (poses, pose_listener) = RecordSubscriber::open(bus)?;
+        let join = Self {
+            scans,
+            poses,
+            held: VecDeque::with_capacity(MAX_HELD + 1),
+            waiting: VecDeque::with_capacity(MAX_HELD + 1),
+            seq: SeqTracker::default(),
+        };
+        Ok((join, vec![scan_listener, pose_listener]))
+    }
+
+    fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
+        // Poses first: a pose is published after its scan, so the scan of every pose taken here is here too.
+        while let Some(pose) = self.poses.receive()? {
+            reporter.received(pose.frame.sent_ns);
+            if self.waiting.len() > MAX_HELD {
+                self.waiting.pop_front();
+            }
+            self.waiting.push_back(pose);
+        }
+        while let Some(scan) = self.scans.receive()? {
+            let Some(gap) = self.seq.gap(scan.header().frame.seq) else { continue };
+            reporter.input.lost += gap;
+            self.held.push_back(scan);
+            if self.held.len() > MAX_HELD {
+                self.held.pop_front();
+                reporter.input.lost += 1;
+            }
+        }
+        Ok(())
+    }
+
+    fn next<R>(
+        &mut self,
+        reporter: &mut Reporter,
+        process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
+    ) -> Option<R> {
+        loop {
+            let (scan, pose) = (self.held.front()?, self.waiting.front()?);
+            let frame = scan.header().frame;
+            match pose.frame.seq.cmp(&frame.seq) {
+                std::cmp::Ordering::Equal => break,
+                // Its scan came before this stage did, or was lost and is counted.
+                std::cmp::Ordering::Less => self.waiting.pop_front().map(|_| ()),
+                // The odometry has passed this scan by: its pose was lost.
+                std::cmp::Ordering::Greater => self.held.pop_front().map(|_| reporter.input.late += 1),
+            };
+        }
+        let (scan, pose) = (self.held.pop_front()?, self.waiting.pop_front()?);
+        let input = ScanWithPose { header: scan.header(), points: scan.items(), pose: &pose };
+        Some(process(input, &pose.frame, reporter))
+    }
+}

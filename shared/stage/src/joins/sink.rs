@@ -1,0 +1,94 @@
+//! Everything about each scan.
+
+use std::collections::VecDeque;
+
+use evac_frames::{FrameHeader, PoseFrame, ScanHeader};
+use evac_ports::services::{ScanDeskewed, TruthPose};
+use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RecordSubscriber};
+
+use super::map::MapStream;
+use super::plan::PoseQueue;
+use super::{Join, JoinOptions, MAX_HELD};
+use crate::{Reporter, SinkInput};
+
+/// Joins map updates with scan, pose and truth of the same sequence number.
+#[derive(Debug)]
+pub struct SinkJoin {
+    map: MapStream,
+    poses: PoseQueue,
+    scans: FrameSubscriber<ScanDeskewed>,
+    truth_port: RecordSubscriber<TruthPose>,
+    held: VecDeque<FrameSample<ScanDeskewed>>,
+    truth: VecDeque<PoseFrame>,
+}
+
+impl Join for SinkJoin {
+    const SERVICES: &'static [&'static str] =
+        &["map/update", "map/snapshot", "odometry/pose", "scan/deskewed", "truth/pose"];
+    type Frame<'a> = SinkInput<'a>;
+
+    fn open(bus: &Bus, _options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
+        let (poses, _) = RecordSubscriber::open(bus)?;
+        let (scans, _) = FrameSubscriber::open(bus)?;
+        let (truth_port, _) = RecordSubscriber::open(bus)?;
+        let (map, listeners) = MapStream::open(bus)?;
+        let join = Self {
+            map,
+            poses: PoseQueue::new(poses),
+            scans,
+            truth_port,
+            held: VecDeque::with_capacity(MAX_HELD + 1),
+            truth: VecDeque::with_capacity(MAX_HELD + 1),
+        };
+        Ok((join, listeners.into()))
+    }
+
+    fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
+        // The map first: it is published last, so the partners of every update taken here are here too.
+        self.map.take_in(reporter)?;
+        self.poses.take_in()?;
+        while let Some(scan) = self.scans.receive()? {
+            self.held.push_back(scan);
+            if self.held.len() > MAX_HELD {
+                self.held.pop_front();
+            }
+        }
+        while let Some(truth) = self.truth_port.receive()? {
+            self.truth.push_back(truth);
+            if self.truth.len() > 4 * MAX_HELD {
+                self.truth.pop_front();
+            }
+        }
+        Ok(())
+    }
+
+    fn next<R>(
+        &mut self,
+        reporter: &mut Reporter,
+        process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
+    ) -> Option<R> {
+        let sample = self.map.next()?;
+        let frame = sample.header().frame;
+        let pose = self.poses.at(sample.header());
+        while self.held.front().is_some_and(|scan| scan.header().frame.seq < frame.seq) {
+            self.held.pop_front();
+        }
+        while self.truth.front().is_some_and(|truth| truth.frame.seq < frame.seq) {
+            self.truth.pop_front();
+        }
+        let has_scan = self.held.front().is_some_and(|scan| scan.header().frame.seq == frame.seq);
+        let scan = if has_scan { self.held.pop_front() } else { None };
+        if scan.is_none() && !sample.is_snapshot() {
+            reporter.input.late += 1;
+        }
+        let without_scan = ScanHeader { frame, ..ScanHeader::default() };
+        let input = SinkInput {
+            header: scan.as_ref().map_or(&without_scan, FrameSample::header),
+            points: scan.as_ref().map_or(&[], FrameSample::items),
+            pose: &pose,
+            map: sample.message(),
+            truth: self.truth.front().filter(|truth| truth.frame.seq == frame.seq),
+        };
+        Some(process(input, &frame, reporter))
+    }
+}

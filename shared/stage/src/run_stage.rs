@@ -1,0 +1,192 @@
+//! The run loop of processors and consumers.
+
+use std::ffi::OsString;
+use std::ops::ControlFlow;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use clap::{Args as _, Command, FromArgMatches as _};
+use evac_frames::{Ack, FrameHeader, Health, StageState, frame_flags};
+use evac_ports::services::SinkAck;
+use evac_ports::{Bus, Listener, PortError, RecordPublisher, Wake, now_ns, wait_on};
+
+use crate::joins::{Join, JoinOptions};
+use crate::options::Context;
+use crate::{
+    Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, exit_code, start_logging,
+};
+
+/// Kinds of odometry stages; a deskewer beside one of them uses its poses as prior.
+const ODOMETRY_KINDS: &[&str] = &["lio", "loam"];
+
+/// Runs a stage of its own executable: `main` of every stage crate.
+pub fn stage_main<S, J>(args: impl IntoIterator<Item = OsString>) -> ExitCode
+where
+    J: Join,
+    S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
+    S::Output: StageOutput,
+{
+    let options = parse_options(S::NAME, args);
+    start_logging(&options.log);
+    exit_code(S::NAME, run_stage::<S, J>(&options))
+}
+
+/// The command line of a stage's own executable; ends the process with code 2 on wrong usage.
+pub(crate) fn parse_options(name: &'static str, args: impl IntoIterator<Item = OsString>) -> RunOptions {
+    let command = RunOptions::augment_args(Command::new(name).version(env!("CARGO_PKG_VERSION")));
+    let matches = command.get_matches_from(args);
+    RunOptions::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
+}
+
+/// Handles `--print-config` and `--check`; `None` when the process is done with that.
+pub(crate) fn prepare<C: StageConfig>(
+    kind: &'static str,
+    options: &RunOptions,
+) -> Result<Option<(Context, C)>, RunError> {
+    let context = options.context(kind)?;
+    let config: C = context.config()?;
+    if options.print_config {
+        let text = toml::to_string(&config).map_err(|cause| RunError::Value(cause.to_string()))?;
+        println!("[[stage]]\nkind = \"{kind}\"\n\n[stage.config]\n{text}");
+        return Ok(None);
+    }
+    if options.check {
+        println!("{}: configuration is valid", context.name);
+        return Ok(None);
+    }
+    if options.die_with_parent {
+        die_with_parent()?;
+    }
+    Ok(Some((context, config)))
+}
+
+/// Asks the kernel to end this process when the one that started it ends.
+fn die_with_parent() -> Result<(), RunError> {
+    use rustix::process::{Signal, getppid, set_parent_process_death_signal};
+    set_parent_process_death_signal(Some(Signal::TERM))
+        .map_err(|cause| RunError::Peer(format!("cannot follow the launcher: {cause}")))?;
+    // The launcher may have ended before the request: then init is the parent now.
+    if getppid().is_none_or(|parent| parent.is_init()) {
+        return Err(RunError::Peer("the launcher has ended".to_owned()));
+    }
+    Ok(())
+}
+
+/// Runs a stage until its stream ends or SIGTERM comes.
+///
+/// # Errors
+/// [`RunError`], with the process's exit code in [`RunError::code`].
+pub fn run_stage<S, J>(options: &RunOptions) -> Result<(), RunError>
+where
+    J: Join,
+    S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
+    S::Output: StageOutput,
+{
+    let Some((context, config)) = prepare::<S::Config>(S::NAME, options)? else { return Ok(()) };
+    let stage = S::new(config, &context.rig)?;
+    let bus = Bus::join(&context.domain, &context.name)?;
+    let join_options = JoinOptions {
+        lossless: context.mode == evac_config::Mode::Lossless,
+        has_odometry: context.has_kind(ODOMETRY_KINDS),
+    };
+    let (join, listeners) = J::open(&bus, join_options)?;
+    let output = S::Output::open(&bus, context.epoch)?;
+    let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
+    // Last, because it says that everything is open.
+    let reporter = Reporter::open(&bus, &context.name, context.epoch)?;
+    let mut running = Running { stage, join, output, ack, reporter, ended: false };
+    let result = running.run(&bus, &listeners);
+    let (state, reason) = match &result {
+        Ok(()) => (StageState::Finished, String::new()),
+        Err(error) => (StageState::Failed, error.to_string()),
+    };
+    // The error itself is what the caller needs to see, not that it could not be reported.
+    let reported = running.reporter.end(state, &reason);
+    result.and(reported.map_err(RunError::from))
+}
+
+struct Running<S: Stage, J> {
+    stage: S,
+    join: J,
+    output: S::Output,
+    ack: Option<AckPort>,
+    reporter: Reporter,
+    ended: bool,
+}
+
+impl<S, J> Running<S, J>
+where
+    J: Join,
+    S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
+{
+    fn run(&mut self, bus: &Bus, listeners: &[Listener]) -> Result<(), RunError> {
+        wait_on(listeners, |wake| match self.look(bus, wake) {
+            Ok(Some(timeout)) => ControlFlow::Continue(timeout),
+            Ok(None) => ControlFlow::Break(Ok(())),
+            Err(error) => ControlFlow::Break(Err(error)),
+        })?
+    }
+
+    /// Handles everything that has come; the time until it must look again, `None` when it is done.
+    fn look(&mut self, bus: &Bus, wake: Wake) -> Result<Option<Duration>, RunError> {
+        self.join.take_in(&mut self.reporter)?;
+        while !self.ended && self.handle_next()? {
+            self.join.take_in(&mut self.reporter)?;
+            self.reporter.report_if_due()?;
+        }
+        if wake == Wake::Stop || bus.stop_requested() {
+            if !self.ended {
+                self.stage.finish()?;
+            }
+            return Ok(None);
+        }
+        if self.ended && self.ack.is_some() {
+            return Ok(None);
+        }
+        let mut timeout_ns = self.reporter.report_if_due()?;
+        if let Some(deadline) = self.join.deadline_ns().filter(|_| !self.ended) {
+            timeout_ns = timeout_ns.min((deadline - now_ns()).max(1_000_000));
+        }
+        Ok(Some(Duration::from_nanos(timeout_ns.unsigned_abs())))
+    }
+
+    /// Processes one complete set, if there is one. A processor whose stream has ended stays until it is told to stop, so
+    /// that nothing it has published is taken away before it is read; a sink finishes its files and ends.
+    fn handle_next(&mut self) -> Result<bool, RunError> {
+        let (stage, output) = (&mut self.stage, &mut self.output);
+        let complete_ns = now_ns();
+        let handled = self.join.next(&mut self.reporter, |input, frame, reporter| {
+            reporter.begin();
+            stage.process(input, output, &mut reporter.counters)?;
+            reporter.done(frame, complete_ns);
+            Ok::<FrameHeader, StageError>(*frame)
+        });
+        let Some(frame) = handled.transpose()? else { return Ok(false) };
+        self.ended = frame.flags & frame_flags::END_OF_STREAM != 0;
+        if self.ended {
+            self.stage.finish()?;
+            self.reporter.end(StageState::Finished, "")?;
+        }
+        if let Some(ack) = &self.ack {
+            ack.send(frame.seq, self.ended)?;
+        }
+        Ok(true)
+    }
+}
+
+/// Where a sink says that it is done with a frame.
+struct AckPort {
+    publisher: RecordPublisher<SinkAck>,
+    ack: Ack,
+}
+
+impl AckPort {
+    fn open(bus: &Bus, context: &Context) -> Result<Self, PortError> {
+        let ack = Ack { name: Health::text(&context.name), epoch: context.epoch, ..Ack::default() };
+        Ok(Self { publisher: RecordPublisher::open(bus)?, ack })
+    }
+
+    fn send(&self, seq: u64, finished: bool) -> Result<(), PortError> {
+        self.publisher.publish(&Ack { seq, finished: u32::from(finished), ..self.ack })
+    }
+}
