@@ -204,7 +204,10 @@ mod tests {
         let mut columns = Columns::new(100, 1, 0.0);
         columns.apply(&voxel(0, 0, 0, 0.0, voxel_flags::GROUND)).unwrap();
         let column = columns.column(0, 0);
-        assert_eq!([Kind::Ground, Kind::Occupied, Kind::Free].map(|kind| column.count(kind, 0, 0)), [1, 0, 0]);
+        assert_eq!(
+            [Kind::Ground, Kind::Occupied, Kind::Free].map(|kind| column.count(kind, 0, 0)),
+            [1, 0, 0]
+        );
     }
 
     #[test]
@@ -215,12 +218,14 @@ mod tests {
         assert_eq!(columns.apply(&voxel(1049, 0, 0, 1.0, voxel_flags::KNOWN)), Ok(()));
         assert_eq!(columns.apply(&voxel(1050, 0, 0, 1.0, voxel_flags::KNOWN)), Err(Refused));
         assert_eq!(columns.apply(&voxel(1000, 0, 0, f32::NAN, voxel_flags::KNOWN)), Err(Refused));
-        let taken = (-300..300).filter(|chunk| {
-            columns.apply(&voxel(1000, 0, chunk * 64, 1.0, voxel_flags::KNOWN)).is_ok()
-        });
+        let taken = (-300..300)
+            .filter(|chunk| columns.apply(&voxel(1000, 0, chunk * 64, 1.0, voxel_flags::KNOWN)).is_ok());
         assert!(taken.count() < 300 + 300);
         assert!((-500..500).any(|chunk| columns.apply(&voxel(1001, 0, chunk * 64, 1.0, 2)).is_ok()));
-        assert_eq!(columns.apply(&voxel(960, 20, 0, 1.0, voxel_flags::KNOWN)).is_ok(), columns.layers < columns.max_layers);
+        assert_eq!(
+            columns.apply(&voxel(960, 20, 0, 1.0, voxel_flags::KNOWN)).is_ok(),
+            columns.layers < columns.max_layers
+        );
     }
 
     proptest! {

@@ -71,7 +71,9 @@ impl StageConfig for GridExporterConfig {
         range("band_m[0]", low, 0.0, 5.0, "0.2 lies above the noise of the ground")?;
         range("band_m[1]", high, 0.0, 10.0, "1.8 is a person's height")?;
         if low >= high {
-            return Err(format!("band_m = [{low}, {high}] is empty; give the lower end first, as in [0.2, 1.8]"));
+            return Err(format!(
+                "band_m = [{low}, {high}] is empty; give the lower end first, as in [0.2, 1.8]"
+            ));
         }
         count("min_occupied_voxels", self.min_occupied_voxels, 1, 100)?;
         count("min_free_voxels", self.min_free_voxels, 1, 100)?;
@@ -112,7 +114,8 @@ mod tests {
     #[test]
     fn unknown_keys_and_bad_ranges_are_refused_by_name() {
         assert!(toml::from_str::<GridExporterConfig>("bands = 1").unwrap_err().to_string().contains("bands"));
-        for text in ["band_m = [1.8, 0.2]", "sensor_height_m = nan", "min_free_voxels = 0", "margin_m = -1.0"] {
+        for text in ["band_m = [1.8, 0.2]", "sensor_height_m = nan", "min_free_voxels = 0", "margin_m = -1.0"]
+        {
             let config: GridExporterConfig = toml::from_str(text).unwrap();
             let error = config.check().unwrap_err();
             let key = text.split([' ', '[']).next().unwrap();

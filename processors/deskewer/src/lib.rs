@@ -44,7 +44,8 @@ impl Deskewer {
     /// Works out the motion over one scan; allocates nothing.
     pub fn deskew<'a>(&'a mut self, input: &ScanWithImu<'a>, counters: &mut Counters) -> DeskewedScan<'a> {
         let mut header = *input.header;
-        let tally = self.window.tally(input.points);
+        let window = self.window;
+        let tally = window.tally(input.points);
         // A producer may have counted the shots without return that it left in the scan.
         header.no_return = header.no_return.max(tally.no_return);
         header.rejected = header.rejected.saturating_add(tally.rejected);
@@ -62,7 +63,7 @@ impl Deskewer {
             }
         }
         let back_projection = back_projection.filter(|_| !was_deskewed);
-        DeskewedScan { header, points: input.points, window: self.window, back_projection }
+        DeskewedScan { header, points: input.points, window, back_projection }
     }
 
     fn back_projection_for(&mut self, input: &ScanWithImu<'_>) -> Option<&BackProjection> {

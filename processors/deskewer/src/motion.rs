@@ -3,7 +3,7 @@
 use evac_frames::{FrameHeader, ImuSample, PoseFrame, TrackingState};
 use evac_geometry::nalgebra::{UnitQuaternion, Vector3, Vector4};
 use evac_geometry::{
-    ImuCoverage, ImuIntegrator, ImuState, MotionState, STANDARD_GRAVITY, StandstillDetector, map_from_imu,
+    ImuCoverage, ImuIntegrator, ImuState, STANDARD_GRAVITY, StandstillDetector, map_from_imu,
 };
 use evac_stage::ScanWithImu;
 
@@ -14,8 +14,9 @@ use crate::DeskewerConfig;
 /// A frame starts from the odometry's latest pose, carried on to the frame by the IMU. Where there is none, from the
 /// own state: orientation by the gyroscope alone, with the bias of the last standstill; gravity from the
 /// last standstill, slowly drawn to the mean of the specific force; velocity by integration, zero
-/// while the rig rests and otherwise forgotten with `velocity_decay_s`, as nothing else bounds its error. Changes
-/// of velocity within a second are then right, a steady walk is not seen. The rotation, which moves far points most, is.
+/// while the rig rests and otherwise forgotten with `velocity_decay_s`, as nothing else bounds its error. A start is then
+/// seen right; a steady walk is taken for rest after a second, and a stop out of it for a walk backwards for another.
+/// The rotation, which moves far points most, is right throughout.
 #[derive(Debug)]
 pub(crate) struct Motion {
     config: DeskewerConfig,
@@ -37,6 +38,8 @@ const CLOCK_RESTART_NS: i64 = 1_000_000_000;
 /// Time constant with which gravity follows the mean specific force while no pose corrects it, seconds: long against a
 /// step, short against the drift of an unknown gyroscope bias (0.3 deg/s tilt by 3 degrees in it).
 const LEVELLING_S: f64 = 10.0;
+/// A frame is 100 ms; one this long is a broken header.
+const LONGEST_FRAME_NS: i64 = 10_000_000_000;
 /// Largest believable offset between the clocks of IMU and LiDAR.
 const MAX_OFFSET_NS: i64 = 200_000_000;
 
@@ -61,7 +64,7 @@ impl Motion {
         }
         self.last_end_ns = Some(frame.end_ns);
         self.take_samples(input.imu, frame);
-        if !input.imu_covers {
+        if !input.imu_covers || !is_sound(frame) {
             return None;
         }
         let prior = input.prior.filter(|_| self.config.use_prior).and_then(|pose| self.state_of(pose, frame));
@@ -109,13 +112,14 @@ impl Motion {
     fn state_of(&self, pose: &PoseFrame, frame: &FrameHeader) -> Option<ImuState> {
         let tracks =
             matches!(pose.tracking_state(), Some(TrackingState::Tracking | TrackingState::Degenerate));
+        let is_held_at_zero = self.detector.rest().is_some_and(|rest| rest.gyro_bias.is_none());
         let state = ImuState {
             time_ns: pose.frame.end_ns,
             world_from_imu: map_from_imu(pose).rotation,
             // Only differences of position count; the origin keeps them exact far away from the map's.
             position: Vector3::zeros(),
             velocity: pose.velocity.into(),
-            gyro_bias: pose.gyro_bias.into(),
+            gyro_bias: if is_held_at_zero { Vector3::zeros() } else { pose.gyro_bias.into() },
             accel_bias: pose.accel_bias.into(),
             gravity: pose.gravity.into(),
             time_offset_ns: pose.time_offset_ns,
@@ -124,7 +128,7 @@ impl Motion {
         // Far beyond what a person, a robot or a MEMS sensor does; comparisons with NaN are false.
         let plausible = (turned - 1.0).abs() < 1e-3
             && state.velocity.norm() < 50.0
-            && state.gyro_bias.norm() < 1.0
+            && Vector3::from(pose.gyro_bias).norm() < 1.0
             && state.accel_bias.norm() < 5.0
             && (state.gravity.norm() - STANDARD_GRAVITY).abs() < 1.0
             && state.time_offset_ns.abs() <= MAX_OFFSET_NS;
@@ -162,9 +166,9 @@ impl Motion {
         self.at_rest(state).unwrap_or(state)
     }
 
-    /// What the standstill says, while it lasts: no velocity, biases, and which way is down.
+    /// What the rig's rest says, while it lasts: no velocity, biases, and which way is down.
     fn at_rest(&self, state: ImuState) -> Option<ImuState> {
-        let still = self.detector.standstill().filter(|_| self.detector.state() == MotionState::Still)?;
+        let still = self.detector.rest()?;
         let up = still.mean_accel.try_normalize(1e-9)?;
         Some(ImuState {
             velocity: Vector3::zeros(),
@@ -203,4 +207,10 @@ impl Motion {
     fn max_prior_age_ns(&self) -> i64 {
         (self.config.max_prior_age_s * 1e9) as i64
     }
+}
+
+/// Whether the frame's times can be true: a broken recording may say anything.
+fn is_sound(frame: &FrameHeader) -> bool {
+    let believable = frame.start_ns.unsigned_abs() < 1 << 62;
+    believable && (0..=LONGEST_FRAME_NS).contains(&frame.end_ns.saturating_sub(frame.start_ns))
 }

@@ -10,9 +10,10 @@ impl BoundsConfig {
 
     /// Whether a point in the map frame is kept.
     pub fn keeps_place(&self, point: [f32; 3]) -> bool {
-        [self.x_m, self.y_m, self.z_m].iter().zip(point).all(|(limits, value)| {
-            limits.is_none_or(|[low, high]| (low..=high).contains(&f64::from(value)))
-        })
+        [self.x_m, self.y_m, self.z_m]
+            .iter()
+            .zip(point)
+            .all(|(limits, value)| limits.is_none_or(|[low, high]| (low..=high).contains(&f64::from(value))))
     }
 }
 

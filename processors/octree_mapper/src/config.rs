@@ -16,8 +16,8 @@ pub struct OctreeMapperConfig {
     /// Farthest place that a hit may occupy, metres; the ray of a farther point only clears up to here. 30: beyond it
     /// neighbouring points of one Mid-40 frame lie more than two voxels apart and heading errors exceed a voxel.
     pub max_range_m: f64,
-    /// Most bricks of 8 x 8 x 8 voxels. 262,144: 134 million voxels or 270 m x 500 m x 1 m, about 0.3 to 0.6 GiB;
-    /// what does not fit is refused and counted.
+    /// Most bricks of 8 x 8 x 8 voxels. 262,144: at 0.1 m a station of 150 m x 75 m x 12 m seen whole, in 0.6 GB. Scans
+    /// of which a part does not fit count as degraded.
     pub max_bricks: u32,
     /// Whether scans of an odometry that is still initialising go into the map. Off: their pose is the identity, which
     /// misses the tilt of the mount until gravity is known, and the walker stands still so that nothing is lost.
@@ -148,8 +148,8 @@ pub struct OutlierConfig {
     pub enabled: bool,
     /// Radius at the sensor, metres. 0.05: 2.5 sigma of the 2 cm range noise, so that noise alone isolates no point.
     pub radius_m: f64,
-    /// Growth of the radius, metres a metre. 0.02: 20 mrad, three times the mean spacing of one frame; a wall that is
-    /// seen head-on then shows about 30 neighbours, one seen at 6 degrees still 3. Beyond 40 m it grows no further.
+    /// Growth of the radius, metres a metre. 0.025: four times the mean spacing of one frame; a wall that is seen head-on
+    /// then shows about 50 neighbours, one seen at 6 degrees still 5. Beyond 40 m it grows no further.
     pub radius_per_m: f64,
     /// Fewest other points. 3: strays are 0.3 % of the shots and seldom come in pairs.
     pub min_neighbours: u32,
@@ -157,16 +157,18 @@ pub struct OutlierConfig {
 
 impl Default for OutlierConfig {
     fn default() -> Self {
-        Self { enabled: true, radius_m: 0.05, radius_per_m: 0.02, min_neighbours: 3 }
+        Self { enabled: true, radius_m: 0.05, radius_per_m: 0.025, min_neighbours: 3 }
     }
 }
 
 impl OutlierConfig {
     fn check(&self) -> Result<(), String> {
         within("outliers.radius_m", self.radius_m, 0.001, 10.0, "0.05 m suits 2 cm of range noise")?;
-        within("outliers.radius_per_m", self.radius_per_m, 0.0, 0.2, "0.02 suits a Mid-40")?;
+        within("outliers.radius_per_m", self.radius_per_m, 0.0, 0.2, "0.025 suits a Mid-40")?;
         if self.min_neighbours == 0 && self.enabled {
-            return Err("outliers.min_neighbours = 0 removes nothing; set outliers.enabled = false instead".into());
+            return Err(
+                "outliers.min_neighbours = 0 removes nothing; set outliers.enabled = false instead".into()
+            );
         }
         Ok(())
     }
@@ -198,9 +200,7 @@ impl Default for BoundsConfig {
 
 impl BoundsConfig {
     fn check(&self) -> Result<(), String> {
-        for (name, limits) in
-            [("bounds.x_m", self.x_m), ("bounds.y_m", self.y_m), ("bounds.z_m", self.z_m)]
-        {
+        for (name, limits) in [("bounds.x_m", self.x_m), ("bounds.y_m", self.y_m), ("bounds.z_m", self.z_m)] {
             if let Some(limits) = limits {
                 range(name, limits)?;
             }

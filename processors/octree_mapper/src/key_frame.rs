@@ -50,8 +50,7 @@ mod tests {
             .filter(|i| {
                 let share = *i as f64;
                 let turn = Vector3::z() * (share * yaw_deg).to_radians();
-                key_frames
-                    .choose(i * FRAME_NS, &Isometry3::new(Vector3::x() * (share * way_m), turn))
+                key_frames.choose(i * FRAME_NS, &Isometry3::new(Vector3::x() * (share * way_m), turn))
             })
             .collect()
     }

@@ -15,7 +15,8 @@ const CAPACITY: usize = 30_000;
 /// Joins each deskewed scan with its pose; key frames go through the three filters into the octree.
 ///
 /// Every scan gives one update of the same `seq`: the changed voxels of a key frame, nothing otherwise. Scans with a
-/// lost, foreign or non-finite pose never enter the map and count as degraded.
+/// lost, foreign or non-finite pose never enter the map and count as degraded. Of a key frame's points every one is a
+/// hit, ground, an outlier, outside or rejected, or it lies beyond `max_range_m` and only clears.
 #[derive(Debug)]
 pub struct OctreeMapper {
     config: OctreeMapperConfig,
@@ -53,7 +54,13 @@ impl OctreeMapper {
     }
 
     /// Filters the scan and inserts it, counting what goes where.
-    fn insert(&mut self, input: &ScanWithPose<'_>, map_from_lidar: &Isometry3<f64>, header: &mut MapHeader) {
+    fn insert(
+        &mut self,
+        input: &ScanWithPose<'_>,
+        map_from_lidar: &Isometry3<f64>,
+        header: &mut MapHeader,
+        counters: &mut Counters,
+    ) {
         self.filter(input, map_from_lidar, header);
         let origin = map_from_lidar.translation.vector;
         let scan = Scan {
@@ -67,6 +74,9 @@ impl OctreeMapper {
         header.hits = report.hits;
         header.ground = report.ground;
         header.rejected += report.not_finite + report.outside;
+        counters.rejected += u64::from(header.rejected);
+        // The map is full: this scan is in it only in part.
+        counters.degraded += u64::from(report.refused_bricks > 0);
     }
 
     /// The paper's three filters (section 3.1), in its order.
@@ -99,7 +109,8 @@ impl OctreeMapper {
         }
         let ground = self.ground.ground_of_scan(&self.hits, map_from_lidar.translation.vector.into());
         self.ground_points.clear();
-        self.ground_points.extend(self.hits.iter().zip(ground).filter(|(_, ground)| **ground).map(|(p, _)| *p));
+        self.ground_points
+            .extend(self.hits.iter().zip(ground).filter(|(_, ground)| **ground).map(|(p, _)| *p));
         let mut flags = ground.iter();
         self.hits.retain(|_| flags.next() == Some(&false));
     }
@@ -143,20 +154,21 @@ impl Stage for OctreeMapper {
         let end_ns = input.header.frame.end_ns;
         let key_pose = pose.filter(|pose| self.key_frames.choose(end_ns, pose));
         if let Some(map_from_lidar) = key_pose {
-            self.insert(&input, &map_from_lidar, &mut header);
+            self.insert(&input, &map_from_lidar, &mut header, counters);
             self.key_frame_count += 1;
             header.map_flags = map_flags::KEY_FRAME;
-            counters.rejected += u64::from(header.rejected);
         }
         header.key_frames = self.key_frame_count;
         let mut changes = key_pose.map(|_| self.map.changes());
         let changed = changes.as_ref().map_or(0, |_| self.map.changed());
-        output.publish(&header, changed, |_| changes.as_mut().and_then(Iterator::next).unwrap_or_default())?;
+        output
+            .publish(&header, changed, |_| changes.as_mut().and_then(Iterator::next).unwrap_or_default())?;
 
         if output.snapshot_requested() {
             let header = MapHeader { map_flags: map_flags::SNAPSHOT, ..header };
             let mut voxels = self.map.voxels();
-            output.publish_snapshot(&header, self.map.voxel_count(), |_| voxels.next().unwrap_or_default())?;
+            output
+                .publish_snapshot(&header, self.map.voxel_count(), |_| voxels.next().unwrap_or_default())?;
         }
         Ok(())
     }

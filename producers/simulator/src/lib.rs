@@ -12,6 +12,7 @@
 mod config;
 mod mid40;
 mod random;
+mod recording;
 mod source;
 mod trajectory;
 mod walk;
@@ -22,4 +23,4 @@ pub use config::{Config, WorldKind};
 pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, SHOTS_PER_FRAME, SHOTS_PER_SECOND, direction};
 pub use source::Simulator;
 pub use walk::{FRAME_NS, Frame, Frames, Walk, simulate};
-pub use wt901c::{ACCEL_LSB, GYRO_LSB, SAMPLE_NS};
+pub use wt901c::SAMPLE_NS;

@@ -122,7 +122,7 @@ impl Mid40 {
 
 /// Metres after the way over the wire as whole millimetres.
 fn on_the_wire(metres: f64) -> f32 {
-    ((metres * 1000.0).round() / 1000.0) as f32
+    ((metres * 1e3).round() * 1e-3) as f32
 }
 
 /// A pose as a matrix, because a few million rays are turned by it.

@@ -5,14 +5,16 @@ use evac_stage::{Rig, SensorEvent, Source, StageError};
 
 use crate::config::Config;
 use crate::mid40::SHOTS_PER_FRAME;
+use crate::recording::Recording;
 use crate::walk::Walk;
 
-/// Publishes a walk as `lidar/scan`, `imu/sample` and `truth/pose`.
+/// Publishes a walk as `lidar/scan`, `imu/sample` and `truth/pose`, and records it where the configuration says so.
 #[derive(Debug)]
 pub struct Simulator {
     walk: Walk,
     points: Vec<Point>,
     truth: Option<PoseFrame>,
+    recording: Option<Recording>,
 }
 
 impl Source for Simulator {
@@ -21,7 +23,8 @@ impl Source for Simulator {
 
     fn new(config: Config, rig: &Rig) -> Result<Self, StageError> {
         let walk = Walk::new(&config, rig)?;
-        Ok(Self { walk, points: Vec::with_capacity(SHOTS_PER_FRAME), truth: None })
+        let recording = config.record.as_deref().map(|folder| Recording::create(folder, rig)).transpose()?;
+        Ok(Self { walk, points: Vec::with_capacity(SHOTS_PER_FRAME), truth: None, recording })
     }
 
     fn next_event(&mut self) -> Result<Option<SensorEvent>, StageError> {
@@ -31,13 +34,9 @@ impl Source for Simulator {
         let scan_ns = self.walk.next_scan_ns().unwrap_or(i64::MAX);
         // Of a sample and a scan that end together the sample comes first: the scan is then covered at once.
         if self.walk.next_imu_ns().is_some_and(|stamp| stamp <= scan_ns) {
-            return Ok(self.walk.next_imu().map(|sampled| SensorEvent::Imu(sampled.sample)));
+            return self.imu();
         }
-        let Some((header, truth)) = self.walk.next_scan(&mut self.points) else {
-            return Ok(None);
-        };
-        self.truth = Some(truth);
-        Ok(Some(SensorEvent::Scan(header)))
+        self.scan()
     }
 
     fn point(&mut self, index: usize) -> Point {
@@ -46,5 +45,29 @@ impl Source for Simulator {
 
     fn total_scans(&self) -> Option<u64> {
         Some(self.walk.frames())
+    }
+}
+
+impl Simulator {
+    fn imu(&mut self) -> Result<Option<SensorEvent>, StageError> {
+        let Some(sampled) = self.walk.next_imu() else {
+            return Ok(None);
+        };
+        if let Some(recording) = &mut self.recording {
+            recording.imu(&sampled)?;
+        }
+        Ok(Some(SensorEvent::Imu(sampled.sample)))
+    }
+
+    fn scan(&mut self) -> Result<Option<SensorEvent>, StageError> {
+        let Some((header, truth)) = self.walk.next_scan(&mut self.points) else {
+            // The walk is over; a full disk shows here at the latest.
+            return self.recording.take().map_or(Ok(()), Recording::finish).map(|()| None);
+        };
+        if let Some(recording) = &mut self.recording {
+            recording.scan(&header, &self.points, &truth)?;
+        }
+        self.truth = Some(truth);
+        Ok(Some(SensorEvent::Scan(header)))
     }
 }

@@ -1,5 +1,6 @@
 //! One simulated walk: world, trajectory and sensors put together, frame by frame.
 
+use evac_formats::wt901c::Scales;
 use evac_frames::{FrameHeader, ImuSample, Point, PoseFrame, ScanHeader, TrackingState, frame_flags};
 use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use evac_geometry::{STANDARD_GRAVITY, set_map_from_imu, set_map_from_lidar};
@@ -10,7 +11,7 @@ use crate::mid40::{Mid40, SHOTS_PER_FRAME};
 use crate::random::Random;
 use crate::trajectory::{Gait, Trajectory};
 use crate::world::World;
-use crate::wt901c::{ACCEL_LSB, GYRO_LSB, SAMPLE_NS, Wt901c, in_si};
+use crate::wt901c::{SAMPLE_NS, Wt901c};
 
 /// Length of a frame, nanoseconds.
 pub const FRAME_NS: i64 = 100_000_000;
@@ -90,11 +91,12 @@ impl Walk {
         // The stamp is the IMU's own clock: offset and rate tell what time it really was.
         let time_ns = (stamp_ns as f64 - self.clock_offset_ns) / self.clock_rate;
         let (accel, gyro) = self.imu.measure(&self.trajectory.at(time_ns * 1e-9));
+        let scales = Scales::default();
         let sample = ImuSample {
             seq: self.next_sample,
             stamp_ns,
-            gyro: in_si(gyro, GYRO_LSB),
-            accel: in_si(accel, ACCEL_LSB),
+            gyro: scales.gyro(gyro),
+            accel: scales.accel(accel),
             flags: if stamp_ns + SAMPLE_NS > self.end_ns() { frame_flags::END_OF_STREAM } else { 0 },
             ..ImuSample::default()
         };

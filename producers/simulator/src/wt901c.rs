@@ -1,6 +1,6 @@
 //! The WT901C: noise, bias, 16-bit words, and the firmware's automatic zeroing of the gyroscope.
 
-use evac_geometry::STANDARD_GRAVITY;
+use evac_formats::wt901c::Scales;
 use evac_geometry::nalgebra::Vector3;
 
 use crate::config::Config;
@@ -9,10 +9,6 @@ use crate::trajectory::Motion;
 
 /// Time between two samples, nanoseconds.
 pub const SAMPLE_NS: i64 = 5_000_000;
-/// One bit of the accelerometer's word, m/s^2 (16 g over 32768).
-pub const ACCEL_LSB: f64 = 16.0 * STANDARD_GRAVITY / 32768.0;
-/// One bit of the gyroscope's word, rad/s (2000 degrees/s over 32768).
-pub const GYRO_LSB: f64 = 2000.0 / 32768.0 * std::f64::consts::PI / 180.0;
 
 /// The firmware calls it a standstill after this many samples below the threshold (0.3 s).
 const STANDSTILL_SAMPLES: u32 = 60;
@@ -56,7 +52,8 @@ impl Wt901c {
         let gyro_noise = Vector3::from(self.random.normals()) * self.gyro_noise;
         let accel = motion.specific_force() + self.accel_bias + accel_noise;
         let gyro = motion.angular_velocity + self.gyro_bias + gyro_noise;
-        (words(&accel, ACCEL_LSB), words(&self.zeroed(gyro), GYRO_LSB))
+        let scales = Scales::default();
+        (scales.quantise_accel(accel.into()), scales.quantise_gyro(self.zeroed(gyro).into()))
     }
 
     /// At rest the firmware puts out exact zeros, and goes on doing so until a rate exceeds its threshold: the start of a
@@ -69,14 +66,4 @@ impl Wt901c {
         self.quiet_samples = if quiet { (self.quiet_samples + 1).min(STANDSTILL_SAMPLES) } else { 0 };
         if self.quiet_samples == STANDSTILL_SAMPLES { Vector3::zeros() } else { gyro }
     }
-}
-
-/// A sample's words in SI units, as a reader of the wire sees them.
-pub(crate) fn in_si(words: [i16; 3], lsb: f64) -> [f64; 3] {
-    words.map(|word| f64::from(word) * lsb)
-}
-
-/// Rounded to whole bits; the casts saturate as the device does.
-fn words(value: &Vector3<f64>, lsb: f64) -> [i16; 3] {
-    <[f64; 3]>::from(*value).map(|x| (x / lsb).round() as i16)
 }

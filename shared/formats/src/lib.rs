@@ -11,9 +11,9 @@ pub mod pcap;
 pub mod pcd;
 pub mod ply;
 pub mod rgb_image;
-pub mod tum;
 pub mod ros1;
 pub mod rosbag;
+pub mod tum;
 mod utc;
 pub mod wt901c;
 

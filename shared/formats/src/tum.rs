@@ -185,7 +185,9 @@ mod tests {
         let poses = read(&path).unwrap();
         assert!(poses.len() > 500);
         assert_eq!(poses[0].stamp_ns, 1_700_000_000_099_999_905);
-        assert!(poses.windows(2).all(|pair| (pair[1].stamp_ns - pair[0].stamp_ns - 100_000_000).abs() < 1_000));
+        assert!(
+            poses.windows(2).all(|pair| (pair[1].stamp_ns - pair[0].stamp_ns - 100_000_000).abs() < 1_000)
+        );
     }
 
     proptest! {

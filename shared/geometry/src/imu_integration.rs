@@ -117,9 +117,10 @@ impl ImuIntegrator {
             if reading.time_ns > start.time_ns {
                 let from = previous.unwrap_or(Reading { time_ns: start.time_ns, ..reading });
                 match previous {
-                    Some(p) => self.judge_interval(reading.time_ns - p.time_ns, &mut coverage),
+                    Some(p) => self.judge_interval(reading.time_ns.saturating_sub(p.time_ns), &mut coverage),
                     None => {
-                        coverage.uncovered_start_ns = (reading.time_ns.min(end_ns) - start.time_ns).max(0)
+                        coverage.uncovered_start_ns =
+                            reading.time_ns.min(end_ns).saturating_sub(start.time_ns).max(0)
                     }
                 }
                 if self.knots.is_empty() {
@@ -176,10 +177,10 @@ impl ImuIntegrator {
         let Some(from) = self.knots.get(after.saturating_sub(1)) else {
             return Isometry3::identity();
         };
-        let d = seconds(time_ns - from.time_ns);
+        let d = seconds(time_ns.saturating_sub(from.time_ns));
         let (turn, acceleration) = match self.knots.get(after) {
             Some(to) if after > 0 => {
-                let h = seconds(to.time_ns - from.time_ns);
+                let h = seconds(to.time_ns.saturating_sub(from.time_ns));
                 let change = to.angular_velocity - from.angular_velocity;
                 let turn = from.angular_velocity * d + change * (d * d / (2.0 * h));
                 (turn, (from.acceleration + to.acceleration) / 2.0)
@@ -208,7 +209,7 @@ impl ImuIntegrator {
         let Some(from) = self.knots.last().filter(|from| from.time_ns < reading.time_ns) else {
             return;
         };
-        let h = seconds(reading.time_ns - from.time_ns);
+        let h = seconds(reading.time_ns.saturating_sub(from.time_ns));
         let angular_velocity = reading.gyro - start.gyro_bias;
         let turn = (from.angular_velocity + angular_velocity) * (h / 2.0);
         let mut world_from_imu = from.world_from_imu * exp_so3(&turn);
@@ -237,7 +238,7 @@ impl ImuIntegrator {
             self.begin(start, &last.unwrap_or(coasting));
         }
         let covered_to = last.map_or(start.time_ns, |reading| reading.time_ns);
-        coverage.uncovered_end_ns = (end_ns - covered_to).max(0);
+        coverage.uncovered_end_ns = end_ns.saturating_sub(covered_to).max(0);
         if let Some(knot) = self.knots.last() {
             let gyro = knot.angular_velocity + start.gyro_bias;
             let accel = last.map_or(
@@ -268,8 +269,8 @@ fn reading(sample: &ImuSample, time_offset_ns: i64) -> Option<Reading> {
 }
 
 fn between(a: &Reading, b: &Reading, time_ns: i64) -> Reading {
-    let span = b.time_ns - a.time_ns;
-    let share = if span > 0 { (time_ns - a.time_ns) as f64 / span as f64 } else { 1.0 };
+    let span = b.time_ns.saturating_sub(a.time_ns);
+    let share = if span > 0 { time_ns.saturating_sub(a.time_ns) as f64 / span as f64 } else { 1.0 };
     Reading { time_ns, gyro: a.gyro.lerp(&b.gyro, share), accel: a.accel.lerp(&b.accel, share) }
 }
 

@@ -137,7 +137,9 @@ impl StandstillDetector {
             return self.state;
         }
         // Whatever happened in a gap of a whole block was not seen.
-        let gap = self.last_stamp_ns.is_some_and(|last| sample.stamp_ns - last > self.limits.block_ns);
+        let gap = self
+            .last_stamp_ns
+            .is_some_and(|last| sample.stamp_ns.saturating_sub(last) > self.limits.block_ns);
         self.last_stamp_ns = Some(sample.stamp_ns);
         if gap {
             self.restart(if self.state == MotionState::Collecting {
@@ -151,7 +153,7 @@ impl StandstillDetector {
             self.restart(MotionState::Moving);
         }
         let full = self.block.samples >= MIN_BLOCK_SAMPLES
-            && sample.stamp_ns - self.block.start_ns >= self.limits.block_ns;
+            && sample.stamp_ns.saturating_sub(self.block.start_ns) >= self.limits.block_ns;
         if full {
             self.close_block();
         }
@@ -167,6 +169,16 @@ impl StandstillDetector {
     /// The standstill that lasts, or the last one that was long enough.
     pub fn standstill(&self) -> Option<&Standstill> {
         self.standstill.as_ref()
+    }
+
+    /// The rest that lasts: the standstill, or before one is long enough what was measured so far without seeing motion.
+    /// `None` while the rig moves and before the first block is full.
+    pub fn rest(&self) -> Option<Standstill> {
+        match self.state {
+            MotionState::Moving => None,
+            MotionState::Still => self.standstill,
+            MotionState::Collecting => self.reference().map(|rest| rest.standstill(self.held_at_zero)),
+        }
     }
 
     /// Whether motion was seen before any standstill: gravity and biases are then unknown.
@@ -439,6 +451,8 @@ mod tests {
     fn a_resting_rig_tells_gravity_bias_and_noise() {
         let (mut rig, mut detector) = (Rig::new(1), StandstillDetector::default());
         assert_eq!(rig.rest(&mut detector, 100), MotionState::Collecting);
+        assert!(detector.standstill().is_none());
+        assert!((detector.rest().unwrap().gyro_bias.unwrap() - rig.bias).norm() < 1e-3, "a first guess");
         assert_eq!(rig.rest(&mut detector, 500), MotionState::Still);
         let still = detector.standstill().unwrap();
         assert!((still.mean_accel - rig.gravity).norm() < 0.006, "{still:?}");
@@ -477,7 +491,7 @@ mod tests {
     fn a_rig_that_moves_from_the_start_is_said_to_and_its_later_rest_is_found() {
         let (mut rig, mut detector) = (Rig::new(3), StandstillDetector::default());
         assert_eq!(rig.walk(&mut detector, 400), MotionState::Moving);
-        assert!(detector.started_moving() && detector.standstill().is_none());
+        assert!(detector.started_moving() && detector.standstill().is_none() && detector.rest().is_none());
         let stopped_ns = rig.time_ns;
         assert_eq!(rig.rest(&mut detector, 300), MotionState::Still);
         let still = detector.standstill().unwrap();

@@ -69,13 +69,7 @@ fn update(sensor: &SensorModel, brick: &mut BrickMut<'_>, marks: &mut Marks) -> 
 
 /// Adds `update` to the voxels of `bits` and says which have a new state.
 #[inline]
-fn update_word(
-    sensor: &SensorModel,
-    values: &mut [f32; 64],
-    known: u64,
-    mut bits: u64,
-    update: f32,
-) -> u64 {
+fn update_word(sensor: &SensorModel, values: &mut [f32; 64], known: u64, mut bits: u64, update: f32) -> u64 {
     let first = sensor.first(update);
     let mut changed = bits & !known;
     while bits != 0 {

@@ -1,5 +1,7 @@
 //! What the map refuses.
 
+use crate::SensorModel;
+
 /// Why a map cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MapError {
@@ -16,11 +18,16 @@ pub enum MapError {
         /// Its value.
         value: f64,
     },
+    /// A sensor model given in log-odds is no model.
+    #[error("{0:?} is no sensor model; give finite log-odds, hit > 0 > miss, clamp_min < clamp_max")]
+    Sensor(SensorModel),
     /// The ceiling on bricks allows no voxel at all.
     #[error("max_bricks is 0; allow at least one brick (about 2.2 kB each)")]
     NoBricks,
     /// A tree needs more memory than the map may use.
-    #[error("the tree needs more than {max_bricks} bricks of 8x8x8 voxels; raise max_bricks (about 2.2 kB each)")]
+    #[error(
+        "the tree needs more than {max_bricks} bricks of 8x8x8 voxels; raise max_bricks (about 2.2 kB each)"
+    )]
     TooLarge {
         /// The ceiling.
         max_bricks: u32,

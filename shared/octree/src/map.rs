@@ -46,10 +46,13 @@ impl OctreeMap {
     /// An empty map.
     ///
     /// # Errors
-    /// [`MapError`] where the resolution is no length or no brick is allowed.
+    /// [`MapError`] where the resolution is no length, the sensor model none, or no brick is allowed.
     pub fn new(config: MapConfig) -> Result<Self, MapError> {
         let MapConfig { resolution, sensor, max_bricks } = config;
         let space = KeySpace::new(resolution).ok_or(MapError::Resolution(resolution))?;
+        if !sensor.is_valid() {
+            return Err(MapError::Sensor(sensor));
+        }
         if max_bricks == 0 {
             return Err(MapError::NoBricks);
         }

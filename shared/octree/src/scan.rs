@@ -28,8 +28,8 @@ pub struct ScanOptions {
     /// Casts one ray to the centre of each voxel with points, not one to each point. As OctoMap's `discretize`: faster,
     /// and slightly different.
     pub discretize: bool,
-    /// Only voxels in this box change. As in OctoMap, `max_range` then only says which ends are believed, and a ray
-    /// clears from its end backwards until it leaves the box.
+    /// Only voxels in this box change. As in OctoMap, only points in the box and within `max_range` count at all then,
+    /// and a ray clears from its end backwards until it leaves the box.
     pub bounds: Option<Bounds>,
 }
 
@@ -49,8 +49,10 @@ pub struct ScanReport {
     pub hits: u32,
     /// Ground points that cleared and flagged a voxel.
     pub ground: u32,
-    /// Points that only cleared their ray: misses, and points beyond the range or outside the box.
+    /// Points that only cleared their ray: misses, and points beyond the range.
     pub cleared: u32,
+    /// Points that did nothing because they are not in [`ScanOptions::bounds`] or, with bounds, beyond the range.
+    pub out_of_bounds: u32,
     /// Points dropped because they, or the origin, are NaN or infinite.
     pub not_finite: u32,
     /// Points dropped because they, or the origin, are beyond the key space.
@@ -123,7 +125,8 @@ struct Caster<'a> {
 
 impl Caster<'_> {
     fn cast_all(&mut self, scan: &Scan<'_>) {
-        for (points, end) in [(scan.hits, End::Hit), (scan.ground, End::Ground), (scan.misses, End::Nothing)] {
+        for (points, end) in [(scan.hits, End::Hit), (scan.ground, End::Ground), (scan.misses, End::Nothing)]
+        {
             for &point in points {
                 self.cast(point, end);
             }
@@ -159,7 +162,7 @@ impl Caster<'_> {
                 self.cast_to(cut, End::Nothing);
             }
             Some(bounds) if in_range && bounds.hold_point(point) => self.cast_in_bounds(point, end),
-            Some(_) => self.cast_in_bounds(point, End::Nothing),
+            Some(_) => self.report.out_of_bounds += 1,
         }
     }
 

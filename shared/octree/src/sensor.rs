@@ -105,6 +105,15 @@ impl SensorModel {
         log_odds >= self.occupied
     }
 
+    /// Whether its values are finite and in order: what a map needs so that no voxel ever gets another value.
+    pub(crate) fn is_valid(&self) -> bool {
+        let Self { hit, miss, clamp_min, clamp_max, occupied } = *self;
+        [hit, miss, clamp_min, clamp_max, occupied].iter().all(|value| value.is_finite())
+            && hit > 0.0
+            && miss < 0.0
+            && clamp_min < clamp_max
+    }
+
     /// The values that a `.bt` file written from this model's map stands for.
     pub fn binary_values(&self) -> BinaryValues {
         BinaryValues { free: self.clamp_min, occupied: self.clamp_max, threshold: self.occupied }

@@ -27,7 +27,7 @@ impl OctreeMap {
         if !sorted.is_empty() {
             writer.upper(&sorted, 0);
         }
-        OcTreeFile::new(self.space().resolution(), writer.nodes).unwrap_or_else(|_| unreachable!())
+        OcTreeFile::assume_valid(self.space().resolution(), writer.nodes)
     }
 
     /// A map with the leaves of a tree; a leaf above the finest level fills all its voxels.

@@ -95,7 +95,8 @@ impl GroundFilter {
 
     /// Keeps the even patches of this scan for the next ones.
     fn remember(&mut self) {
-        for patch in self.patches.iter().filter(|patch| patch.ground && patch.plane.rms <= self.config.step_m) {
+        for patch in self.patches.iter().filter(|patch| patch.ground && patch.plane.rms <= self.config.step_m)
+        {
             self.known.push_back((patch.plane, patch.extent));
             if self.known.len() > MEMORY {
                 self.known.pop_front();

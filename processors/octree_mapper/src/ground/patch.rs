@@ -10,8 +10,10 @@ const BESIDE_M: f64 = 1.0;
 /// A contiguous horizontal surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Patch {
-    /// Every cell counts the same, however many points it holds.
-    moments: Moments,
+    /// Of all its cells, for the extent; every cell counts the same, however many points it holds.
+    all: Moments,
+    /// Of the cells with a plane of their own, for the plane: the feet of walls would tilt it.
+    inner: Moments,
     /// Lowest and highest x and y of its cells' points.
     low: [f64; 2],
     high: [f64; 2],
@@ -21,27 +23,40 @@ pub(super) struct Patch {
     pub(super) plane: Plane,
     /// Length, metres.
     pub(super) extent: f64,
-    /// Cells with room above less cells without (no sensor position).
-    votes: i64,
+    /// What is above and below its cells (no sensor position).
+    column: Column,
     pub(super) ground: bool,
+}
+
+/// How many cells of a patch there are, and have another level close above, anything above, or anything below.
+#[derive(Debug, Clone, Copy, Default)]
+struct Column {
+    cells: u32,
+    blocked: u32,
+    covered: u32,
+    below: u32,
 }
 
 impl Patch {
     fn new() -> Self {
         Self {
-            moments: Moments::default(),
+            all: Moments::default(),
+            inner: Moments::default(),
             low: [f64::INFINITY; 2],
             high: [f64::NEG_INFINITY; 2],
             bottom: f64::INFINITY,
             plane: Plane::default(),
             extent: 0.0,
-            votes: 0,
+            column: Column::default(),
             ground: false,
         }
     }
 
     fn add(&mut self, surface: &Surface) {
-        self.moments.merge(&surface.moments, 1.0 / surface.moments.n);
+        self.all.merge(&surface.moments, 1.0 / surface.moments.n);
+        if surface.plane.is_some() {
+            self.inner.merge(&surface.moments, 1.0 / surface.moments.n);
+        }
         for axis in 0..2 {
             self.low[axis] = self.low[axis].min(surface.mean[axis]);
             self.high[axis] = self.high[axis].max(surface.mean[axis]);
@@ -85,7 +100,8 @@ pub(super) fn join(
                 for j in from..to {
                     let other = &mut surfaces.list[j as usize];
                     // A surface at the edge (a wall's foot) has no plane of its own: it joins and ends the patch.
-                    let continues = |p: &Plane, m: &[f64; 3]| (m[2] - p.height(m[0], m[1])).abs() <= config.step_m;
+                    let continues =
+                        |p: &Plane, m: &[f64; 3]| (m[2] - p.height(m[0], m[1])).abs() <= config.step_m;
                     if other.patch == NONE
                         && continues(&plane, &other.mean)
                         && other.plane.is_none_or(|plane| continues(&plane, &surface.mean))
@@ -110,9 +126,9 @@ pub(super) fn judge(
 ) {
     let slope = config.max_tilt_deg.to_radians().tan();
     for patch in patches.iter_mut() {
-        let [narrow, wide] = patch.moments.extents();
+        let [narrow, wide] = patch.all.extents();
         patch.extent = wide;
-        if let Some(plane) = patch.moments.plane() {
+        if let Some(plane) = patch.inner.plane() {
             patch.plane = plane;
             patch.ground = narrow >= config.min_extent_m && plane.tilt() <= slope;
         }
@@ -129,29 +145,36 @@ pub(super) fn judge(
     leave_table_tops(config, patches);
 }
 
-/// Without a sensor position every cell votes: a surface close under another one is the underside of a slab, one with
-/// a surface below and none above a ceiling.
+/// Without a sensor position the levels above and below tell: a surface close under another one is the underside of a
+/// slab; one with nothing above but something below is a ceiling.
 fn leave_ceilings(config: &GroundConfig, surfaces: &Surfaces, patches: &mut [Patch]) {
-    for surface in &surfaces.list {
-        if !is_candidate(surface, patches) {
-            continue;
+    for surface in surfaces.list.iter().filter(|surface| surface.patch != NONE) {
+        let (mut blocked, mut covered, mut below) = (false, false, false);
+        for other in surfaces.of_cell(surface.cell).chain(surfaces.around(surface.cell)) {
+            let step = other.mean[2] - surface.mean[2];
+            covered |= step >= config.headroom_m;
+            below |= step <= -config.headroom_m;
+            blocked |= step > config.thickness_m && step < config.headroom_m && is_candidate(other, patches);
         }
-        let z = surface.mean[2];
-        let (mut below, mut above) = (false, f64::INFINITY);
-        let column = surfaces.of_cell(surface.cell).chain(surfaces.around(surface.cell));
-        for (_, other) in column.filter(|(_, other)| other.patch != surface.patch && is_candidate(other, patches)) {
-            let step = other.mean[2] - z;
-            if step > config.thickness_m {
-                above = above.min(step);
-            } else if step < -config.headroom_m {
-                below = true;
-            }
-        }
-        let room = above >= config.headroom_m && (above.is_finite() || !below);
-        patches[surface.patch as usize].votes += if room { 1 } else { -1 };
+        let column = &mut patches[surface.patch as usize].column;
+        column.cells += 1;
+        column.blocked += u32::from(blocked);
+        column.covered += u32::from(covered);
+        column.below += u32::from(below);
     }
-    for patch in patches {
-        patch.ground &= patch.votes > 0;
+    for i in 0..patches.len() {
+        let patch = &patches[i];
+        let Column { cells, blocked, covered, below } = patch.column;
+        let over_ground = || {
+            patches.iter().any(|floor| {
+                floor.ground
+                    && floor.extent > patch.extent
+                    && patch.plane.centre[2] - floor.plane.centre[2] >= config.headroom_m
+                    && floor.near(patch)
+            })
+        };
+        let ceiling = 2 * covered < cells && (2 * below > cells || over_ground());
+        patches[i].ground &= 2 * blocked <= cells && !ceiling;
     }
 }
 

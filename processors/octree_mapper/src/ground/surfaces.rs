@@ -35,10 +35,18 @@ pub(super) struct Surface {
     pub(super) cell: u32,
     pub(super) moments: Moments,
     pub(super) mean: [f64; 3],
+    /// Whether points go on above it without a gap: the foot of something, of no use for planes.
+    foot: bool,
     /// Plane through this surface and those beside it, where it is horizontal.
     pub(super) plane: Option<Plane>,
     /// Index of its patch or [`NONE`].
     pub(super) patch: u32,
+}
+
+impl Surface {
+    fn new(cell: u32) -> Self {
+        Self { cell, moments: Moments::default(), mean: [0.0; 3], foot: false, plane: None, patch: NONE }
+    }
 }
 
 /// Points sorted into cells and surfaces. Buffers are reused.
@@ -77,14 +85,14 @@ impl Surfaces {
         std::array::from_fn(|k| f64::from(point[k]) - self.origin[k])
     }
 
-    /// Surfaces of a cell with their indices.
-    pub(super) fn of_cell(&self, cell: u32) -> impl Iterator<Item = (u32, &Surface)> {
+    /// Surfaces of a cell.
+    pub(super) fn of_cell(&self, cell: u32) -> impl Iterator<Item = &Surface> {
         let [from, to] = self.cells[cell as usize].surfaces;
-        (from..to).zip(&self.list[from as usize..to as usize])
+        self.list[from as usize..to as usize].iter()
     }
 
     /// Surfaces of the eight cells around a cell.
-    pub(super) fn around(&self, cell: u32) -> impl Iterator<Item = (u32, &Surface)> {
+    pub(super) fn around(&self, cell: u32) -> impl Iterator<Item = &Surface> {
         let neighbours = self.cells[cell as usize].neighbours;
         neighbours.into_iter().filter(|cell| *cell != NONE).flat_map(|cell| self.of_cell(cell))
     }
@@ -117,14 +125,14 @@ impl Surfaces {
                 let point: [f64; 3] = std::array::from_fn(|k| f64::from(point[k]) - origin[k]);
                 if point[2] - last > config.thickness_m + config.step_m {
                     bottom = point[2];
-                    let moments = Moments::default();
-                    self.list.push(Surface { cell, moments, mean: [0.0; 3], plane: None, patch: NONE });
+                    self.list.push(Surface::new(cell));
                 }
                 last = point[2];
-                if let Some(surface) = self.list.last_mut()
-                    && last <= bottom + config.thickness_m
-                {
-                    surface.moments.add(point);
+                if let Some(surface) = self.list.last_mut() {
+                    if last <= bottom + config.thickness_m {
+                        surface.moments.add(point);
+                    }
+                    surface.foot = last > bottom + 1.5 * config.thickness_m;
                 }
             }
             let range = |from: u32, len: usize| [from, from + len as u32];
@@ -167,9 +175,12 @@ impl Surfaces {
     /// Plane through a surface and those beside it at about its height; `None` unless it is supported and horizontal.
     fn local_plane(&self, config: &GroundConfig, i: usize) -> Option<Plane> {
         let surface = &self.list[i];
+        if surface.foot {
+            return None;
+        }
         let slope = config.max_tilt_deg.to_radians().tan();
         let mut moments = surface.moments;
-        for (_, other) in self.around(surface.cell) {
+        for other in self.around(surface.cell).filter(|other| !other.foot) {
             let [x, y, z] = std::array::from_fn(|k| (other.mean[k] - surface.mean[k]).abs());
             if z <= slope * x.hypot(y) + config.step_m {
                 moments.merge(&other.moments, 1.0);

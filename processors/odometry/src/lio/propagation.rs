@@ -11,6 +11,8 @@ use super::state::{Covariance, State, add_variance, at};
 const NOISE_PERIOD_S: f64 = 0.005;
 /// Readings farther apart than this are a gap: two samples at 100 Hz or three at 200 Hz are missing.
 const GAP_S: f64 = 0.025;
+/// The last reading is believed to hold for so long.
+const HOLD_NS: i64 = 30_000_000;
 /// While the gyroscope's auto-zero holds, rates up to about 1 degree/s are hidden; as white noise per sample.
 const HELD_GYRO_NOISE: f64 = 0.03;
 /// Rotation rate and acceleration of a walking carrier that a gap may hide, rad/s and m/s^2 (standard deviations).
@@ -103,6 +105,14 @@ pub(crate) fn propagate(
         let gap = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9 > GAP_S;
         advance(state, &between(a, b, now_ns), &between(a, b, end_ns), gap);
         now_ns = end_ns;
+    }
+    // A clock offset asks for a little more than there is: the last reading holds on for so long.
+    if let Some(last) = readings.last()
+        && now_ns < to_ns
+        && to_ns - last.stamp_ns <= HOLD_NS
+    {
+        advance(state, &Reading { stamp_ns: now_ns, ..*last }, &Reading { stamp_ns: to_ns, ..*last }, false);
+        now_ns = to_ns;
     }
     while now_ns < to_ns {
         // In pieces, so that a long wait without IMU grows like the motion it stands for.

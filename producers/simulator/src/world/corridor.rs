@@ -119,7 +119,7 @@ fn south_installations(site: &mut Site) {
     site.block([7.6, 0.62, 0.0], [8.6, 1.0, 1.9], Metal);
     site.block([5.0, 0.86, 0.9], [5.5, 1.0, 1.6], Metal);
     site.block([11.2, -1.0, 0.15], [12.6, -0.88, 0.8], Metal);
-    site.block([0.0, 0.88, 0.5], [0.18, 1.0, 1.0], Sign);
+    site.block([1.9, 0.86, 0.5], [2.08, 1.0, 1.05], Sign);
     pilasters(site, Along::X, &[3.9, 8.1, 12.9], [-1.0, -0.88]);
     // Sign across the corridor.
     site.block([9.4, -0.4, 2.15], [9.46, 0.5, 2.4], Sign);

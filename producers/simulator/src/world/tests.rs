@@ -19,8 +19,8 @@ fn the_walker_keeps_clear_of_walls_and_things() {
         for k in 0..(walk.duration_s() * 50.0) as u32 {
             let t = f64::from(k) * 0.02;
             let rig = walk.at(t).world_from_imu.translation.vector;
-            // The rig itself, and the walker's head above and knees below it.
-            for dz in [-0.7, -0.3, 0.0, 0.5] {
+            // The rig itself, and the walker's head above and hips below it.
+            for dz in [-0.6, -0.3, 0.0, 0.5] {
                 let place = rig + Vector3::z() * dz;
                 for solid in world.bvh.solids() {
                     let clear = solid.distance(&place);

@@ -95,7 +95,8 @@ pub(super) fn decode(
                 let (word, offset) = word()?;
                 let damaged = "the file is damaged: write it again from its source";
                 if word == 0 {
-                    let cause = format!("node {} has children according to its parent, but none", nodes.len());
+                    let cause =
+                        format!("node {} has children according to its parent, but none", nodes.len());
                     return Err(Fault::new(offset, cause, damaged));
                 }
                 let Some(slot) = open.get_mut(depth) else {

@@ -1,7 +1,7 @@
 //! The text in front of the tree.
 
-use super::tree::{OcTreeFile, is_resolution};
 use super::Fault;
+use super::tree::{OcTreeFile, is_resolution};
 
 const FULL_MAGIC: &[u8] = b"# Octomap OcTree file";
 const BINARY_MAGIC: &[u8] = b"# Octomap OcTree binary file";
@@ -83,7 +83,8 @@ impl Header {
             }
         }
         words.skip_line();
-        let (at, id) = id.ok_or_else(|| Fault::new(words.at, "the header has no id", "add the line \"id OcTree\""))?;
+        let (at, id) =
+            id.ok_or_else(|| Fault::new(words.at, "the header has no id", "add the line \"id OcTree\""))?;
         // "1" is what old versions wrote.
         if id != b"OcTree" && id != b"1" {
             let cause = format!("the tree's id is {}, not OcTree", String::from_utf8_lossy(id));

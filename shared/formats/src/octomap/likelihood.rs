@@ -16,7 +16,7 @@ pub struct BinaryValues {
 impl Default for BinaryValues {
     /// OctoMap's clamps at probabilities 0.1192 and 0.971 and its threshold of 0.5.
     fn default() -> Self {
-        Self { free: -2.000_027_9, occupied: 3.511_030_7, threshold: 0.0 }
+        Self { free: -2.000_028, occupied: 3.511_030_7, threshold: 0.0 }
     }
 }
 
@@ -49,7 +49,7 @@ impl OcTreeFile {
             kept.push(node);
             index = if node.child_mask == 0 { ends[index] as usize } else { index + 1 };
         }
-        Self::trusted(self.resolution(), kept)
+        Self::assume_valid(self.resolution(), kept)
     }
 }
 

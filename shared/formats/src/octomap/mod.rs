@@ -50,7 +50,7 @@ fn read_file(bytes: &[u8], values: &BinaryValues) -> Result<OcTreeFile, Fault> {
         let cause = format!("the header says {size} nodes, the tree has {}", nodes.len());
         return Err(Fault::new(body, cause, "the file is damaged: write it again from its source"));
     }
-    Ok(OcTreeFile::trusted(resolution, nodes))
+    Ok(OcTreeFile::assume_valid(resolution, nodes))
 }
 
 /// The bytes of a `.ot` file.
@@ -147,7 +147,7 @@ fn from_body(
         return Err(Fault::new(0, cause, "give the edge of a voxel in metres, greater than zero"));
     }
     let nodes = if body.is_empty() { Vec::new() } else { decode(body)? };
-    Ok(OcTreeFile::trusted(resolution, nodes))
+    Ok(OcTreeFile::assume_valid(resolution, nodes))
 }
 
 /// What is wrong with the bytes, before it is known which file they are from.
@@ -164,7 +164,11 @@ impl Fault {
     }
 
     fn truncated(offset: usize, what: &str) -> Self {
-        Self::new(offset, format!("the file ends inside {what}"), "the file is cut off: copy or write it again")
+        Self::new(
+            offset,
+            format!("the file ends inside {what}"),
+            "the file is cut off: copy or write it again",
+        )
     }
 
     fn in_file(self, name: &Path) -> FormatError {

@@ -33,7 +33,9 @@ pub enum TreeError {
         node: usize,
     },
     /// Masks promise more nodes than there are, or fewer.
-    #[error("{nodes} nodes were given, the child masks need another number; give exactly one tree in pre-order")]
+    #[error(
+        "{nodes} nodes were given, the child masks need another number; give exactly one tree in pre-order"
+    )]
     Shape {
         /// How many were given.
         nodes: usize,
@@ -57,28 +59,14 @@ impl OcTreeFile {
     /// # Errors
     /// [`TreeError`] where the nodes are not exactly one octree (or none).
     pub fn new(resolution: f64, nodes: Vec<Node>) -> Result<Self, TreeError> {
-        if !is_resolution(resolution) {
-            return Err(TreeError::Resolution(resolution));
-        }
-        let mut shape = Shape::default();
-        for (index, node) in nodes.iter().enumerate() {
-            if !node.log_odds.is_finite() {
-                return Err(TreeError::LogOdds { node: index, log_odds: node.log_odds });
-            }
-            if index > 0 && shape.complete() {
-                return Err(TreeError::Shape { nodes: nodes.len() });
-            }
-            shape.push(node.child_mask).map_err(|TooDeep| TreeError::TooDeep { node: index })?;
-        }
-        if !nodes.is_empty() && !shape.complete() {
-            return Err(TreeError::Shape { nodes: nodes.len() });
-        }
+        check(resolution, &nodes)?;
         Ok(Self { resolution, nodes })
     }
 
-    /// A tree whose shape and values were checked while it was built.
-    pub(super) fn trusted(resolution: f64, nodes: Vec<Node>) -> Self {
-        debug_assert!(Self::new(resolution, nodes.clone()).is_ok());
+    /// A tree from a producer whose nodes are one by construction, as [`Self::new`] would check; that is done in debug
+    /// builds only. Other nodes make the writers panic or write nonsense.
+    pub fn assume_valid(resolution: f64, nodes: Vec<Node>) -> Self {
+        debug_assert_eq!(check(resolution, &nodes), Ok(()));
         Self { resolution, nodes }
     }
 
@@ -104,6 +92,24 @@ impl OcTreeFile {
         }
         ends
     }
+}
+
+/// What [`OcTreeFile`] promises.
+fn check(resolution: f64, nodes: &[Node]) -> Result<(), TreeError> {
+    if !is_resolution(resolution) {
+        return Err(TreeError::Resolution(resolution));
+    }
+    let mut shape = Shape::default();
+    for (index, node) in nodes.iter().enumerate() {
+        if !node.log_odds.is_finite() {
+            return Err(TreeError::LogOdds { node: index, log_odds: node.log_odds });
+        }
+        if index > 0 && shape.complete() {
+            return Err(TreeError::Shape { nodes: nodes.len() });
+        }
+        shape.push(node.child_mask).map_err(|TooDeep| TreeError::TooDeep { node: index })?;
+    }
+    if shape.complete() { Ok(()) } else { Err(TreeError::Shape { nodes: nodes.len() }) }
 }
 
 /// Whether a number can be the edge of a voxel.

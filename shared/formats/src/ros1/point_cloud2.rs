@@ -81,10 +81,14 @@ impl<'a> PointCloud2<'a> {
         for _ in 0..wire.u32()? {
             let name = wire.counted_bytes()?;
             let (offset, datatype, _count) = (wire.u32()?, wire.u8()?, wire.u32()?);
-            let Some(field) = Datatype::from_wire(datatype).map(|datatype| Field { offset, datatype }) else { continue };
+            let Some(field) = Datatype::from_wire(datatype).map(|datatype| Field { offset, datatype }) else {
+                continue;
+            };
             match name {
                 b"x" | b"y" | b"z" if field.datatype.is_float() => {
-                    if let Some(axis) = xyz.get_mut(usize::from(name.first().map_or(0, |letter| letter - b'x'))) {
+                    if let Some(axis) =
+                        xyz.get_mut(usize::from(name.first().map_or(0, |letter| letter - b'x')))
+                    {
                         *axis = Some(field);
                     }
                 }
@@ -102,7 +106,8 @@ impl<'a> PointCloud2<'a> {
             y.ok_or(MessageError::MissingField("y"))?,
             z.ok_or(MessageError::MissingField("z"))?,
         ];
-        let cloud = Self { header, width, height, point_step, row_step, big_endian, data, xyz, intensity, time };
+        let cloud =
+            Self { header, width, height, point_step, row_step, big_endian, data, xyz, intensity, time };
         if !cloud.fits() {
             return Err(MessageError::Layout { width, height, point_step, row_step, bytes: data.len() });
         }
@@ -126,7 +131,8 @@ impl<'a> PointCloud2<'a> {
 
     /// Point `index`, row by row.
     pub fn point(&self, index: usize) -> Option<CloudPoint> {
-        let (row, column) = (index.checked_div(self.width as usize)?, index.checked_rem(self.width as usize)?);
+        let (row, column) =
+            (index.checked_div(self.width as usize)?, index.checked_rem(self.width as usize)?);
         if row >= self.height as usize {
             return None;
         }
@@ -145,7 +151,9 @@ impl<'a> PointCloud2<'a> {
     /// Whether every field of every point lies inside the data.
     fn fits(&self) -> bool {
         let fields = self.xyz.into_iter().chain(self.intensity).chain(self.time);
-        let inside = |field: Field| u64::from(field.offset) + field.datatype.bytes() as u64 <= u64::from(self.point_step);
+        let inside = |field: Field| {
+            u64::from(field.offset) + field.datatype.bytes() as u64 <= u64::from(self.point_step)
+        };
         let (width, height) = (u64::from(self.width), u64::from(self.height));
         let row = width * u64::from(self.point_step);
         let needed = match (width, height) {
@@ -170,7 +178,11 @@ impl Field {
         macro_rules! number {
             ($kind:ty) => {{
                 let bytes = *bytes.first_chunk()?;
-                if big_endian { <$kind>::from_be_bytes(bytes) as f64 } else { <$kind>::from_le_bytes(bytes) as f64 }
+                if big_endian {
+                    <$kind>::from_be_bytes(bytes) as f64
+                } else {
+                    <$kind>::from_le_bytes(bytes) as f64
+                }
             }};
         }
         Some(match self.datatype {

@@ -10,7 +10,9 @@ pub enum MessageError {
     #[error("the cloud has no field \"{0}\" of type FLOAT32 or FLOAT64")]
     MissingField(&'static str),
     /// Fields, steps and data of a point cloud that do not fit together.
-    #[error("the cloud of {width} x {height} points with steps {point_step} and {row_step} does not fit into {bytes} bytes")]
+    #[error(
+        "the cloud of {width} x {height} points with steps {point_step} and {row_step} does not fit into {bytes} bytes"
+    )]
     Layout {
         /// Points in a row.
         width: u32,
@@ -50,7 +52,8 @@ impl<'a> Wire<'a> {
 
     pub(super) fn take(&mut self, length: usize) -> Result<&'a [u8], MessageError> {
         let end = self.at.checked_add(length);
-        let taken = end.and_then(|end| self.bytes.get(self.at..end)).ok_or(MessageError::Truncated(self.at))?;
+        let taken =
+            end.and_then(|end| self.bytes.get(self.at..end)).ok_or(MessageError::Truncated(self.at))?;
         self.at += length;
         Ok(taken)
     }

@@ -47,7 +47,9 @@ impl Chunk {
     pub(super) fn unpack(&self, file: &mut File, path: &Path, out: &mut Vec<u8>) -> Result<(), FormatError> {
         out.clear();
         if self.size > MAX_CHUNK {
-            return Err(self.damaged(path, &format!("the chunk claims {} bytes, more than {MAX_CHUNK}", self.size)));
+            return Err(
+                self.damaged(path, &format!("the chunk claims {} bytes, more than {MAX_CHUNK}", self.size))
+            );
         }
         file.seek(SeekFrom::Start(self.data)).map_err(|cause| FormatError::reading(path, cause))?;
         let stored = file.take(u64::from(self.stored));
@@ -60,12 +62,23 @@ impl Chunk {
         };
         match unpacked {
             Ok(length) if length == self.size as usize => Ok(()),
-            Ok(length) => Err(self.damaged(path, &format!("the chunk unpacks to {length} bytes instead of {}", self.size))),
-            Err(cause) => Err(self.damaged(path, &format!("the chunk ({:?}) does not unpack: {cause}", self.compression))),
+            Ok(length) => {
+                Err(self
+                    .damaged(path, &format!("the chunk unpacks to {length} bytes instead of {}", self.size)))
+            }
+            Err(cause) => {
+                Err(self
+                    .damaged(path, &format!("the chunk ({:?}) does not unpack: {cause}", self.compression)))
+            }
         }
     }
 
     pub(super) fn damaged(&self, path: &Path, cause: &str) -> FormatError {
-        FormatError::malformed(path, self.record, cause, "the bag is damaged there: copy it again, or cut it with `rosbag filter`")
+        FormatError::malformed(
+            path,
+            self.record,
+            cause,
+            "the bag is damaged there: copy it again, or cut it with `rosbag filter`",
+        )
     }
 }

@@ -51,12 +51,14 @@ impl BagIndex {
             Self { path: path.to_owned(), chunks: Vec::new(), connections: Vec::new(), truncated_at: None };
         let closed = walk.bag_header(allow_truncated)?;
         index.walk(&mut walk, allow_truncated)?;
-        if !closed || index.truncated_at.is_some() || index.chunks.iter().any(|chunk| chunk.counts.is_empty()) {
+        if !closed || index.truncated_at.is_some() || index.chunks.iter().any(|chunk| chunk.counts.is_empty())
+        {
             index.look_into_chunks()?;
         }
         for chunk in &index.chunks {
             for (id, count) in &chunk.counts {
-                if let Some(connection) = index.connections.iter_mut().find(|connection| connection.id == *id) {
+                if let Some(connection) = index.connections.iter_mut().find(|connection| connection.id == *id)
+                {
                     connection.messages += u64::from(*count);
                 }
             }
@@ -99,7 +101,9 @@ impl BagIndex {
         let record = walk.offset;
         let data_length = walk.record_header()?;
         let fields = Fields(&walk.header);
-        let missing = |name: &str| FormatError::malformed(walk.path, record, format!("the record has no field {name}"), REINDEX);
+        let missing = |name: &str| {
+            FormatError::malformed(walk.path, record, format!("the record has no field {name}"), REINDEX)
+        };
         match fields.op().ok_or_else(|| missing("op"))? {
             op::CHUNK => {
                 let name = fields.text("compression").ok_or_else(|| missing("compression"))?;
@@ -122,7 +126,12 @@ impl BagIndex {
                 let (id, topic) = (fields.u32("conn"), fields.text("topic"));
                 let data = walk.data(data_length)?;
                 self.add_connection(id, topic, Fields(&data)).ok_or_else(|| {
-                    FormatError::malformed(walk.path, record, "the connection record lacks its id, topic or type", REINDEX)
+                    FormatError::malformed(
+                        walk.path,
+                        record,
+                        "the connection record lacks its id, topic or type",
+                        REINDEX,
+                    )
                 })?;
                 return Ok(());
             }
@@ -153,13 +162,17 @@ impl BagIndex {
                     (Some(op::CONNECTION), id) => {
                         let topic = fields.text("topic");
                         if self.add_connection(id, topic, Fields(body)).is_none() {
-                            return Err(chunk.damaged(&path, "a connection in the chunk lacks its id, topic or type"));
+                            return Err(
+                                chunk.damaged(&path, "a connection in the chunk lacks its id, topic or type")
+                            );
                         }
                     }
-                    (Some(op::MESSAGE), Some(id)) => match chunk.counts.iter_mut().find(|(known, _)| *known == id) {
-                        Some((_, count)) => *count += 1,
-                        None => chunk.counts.push((id, 1)),
-                    },
+                    (Some(op::MESSAGE), Some(id)) => {
+                        match chunk.counts.iter_mut().find(|(known, _)| *known == id) {
+                            Some((_, count)) => *count += 1,
+                            None => chunk.counts.push((id, 1)),
+                        }
+                    }
                     _ => {}
                 }
                 rest = after;
@@ -191,8 +204,13 @@ impl Walk<'_> {
             self.read(&mut magic)?;
         }
         if !whole || magic != *MAGIC {
-            let remedy = "give a ROS 1 bag of format 2.0 (`rosbag info` shows it; ROS 2 bags are folders or MCAP)";
-            return Err(self.refused(0, "this is no ROS 1 bag: it does not begin with \"#ROSBAG V2.0\"".to_owned(), remedy));
+            let remedy =
+                "give a ROS 1 bag of format 2.0 (`rosbag info` shows it; ROS 2 bags are folders or MCAP)";
+            return Err(self.refused(
+                0,
+                "this is no ROS 1 bag: it does not begin with \"#ROSBAG V2.0\"".to_owned(),
+                remedy,
+            ));
         }
         Ok(())
     }
@@ -211,7 +229,10 @@ impl Walk<'_> {
             return Err(self.refused(record, cause, REINDEX));
         }
         if index > self.length && !allow_truncated {
-            let cause = format!("the bag is cut off: it has {} bytes and its index should begin at byte {index}", self.length);
+            let cause = format!(
+                "the bag is cut off: it has {} bytes and its index should begin at byte {index}",
+                self.length
+            );
             return Err(self.refused(self.length, cause, REINDEX));
         }
         self.skip(data_length)?;
@@ -261,7 +282,9 @@ impl Walk<'_> {
 
     fn skip(&mut self, length: u32) -> Result<(), FormatError> {
         self.offset += u64::from(length);
-        self.file.seek(SeekFrom::Start(self.offset)).map_err(|cause| FormatError::reading(self.path, cause))?;
+        self.file
+            .seek(SeekFrom::Start(self.offset))
+            .map_err(|cause| FormatError::reading(self.path, cause))?;
         Ok(())
     }
 

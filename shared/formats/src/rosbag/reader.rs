@@ -1,6 +1,7 @@
 //! The messages of chosen connections, chunk by chunk.
 
 use std::fs::File;
+use std::ops::Range;
 
 use super::chunk::Compression;
 use super::index::BagIndex;
@@ -37,6 +38,14 @@ pub struct BagReader {
     at: usize,
 }
 
+/// A message, with its place in the unpacked chunk.
+struct Found {
+    connection: u32,
+    time_ns: i64,
+    data: Range<usize>,
+    offset: u64,
+}
+
 impl BagReader {
     /// Reads the messages of the connections `wanted`.
     ///
@@ -54,15 +63,16 @@ impl BagReader {
     /// # Errors
     /// [`FormatError::Malformed`] for a chunk that does not unpack or ends inside a message.
     pub fn next_message(&mut self) -> Result<Option<BagMessage<'_>>, FormatError> {
-        let Some((connection, time_ns, data, offset)) = self.find()? else { return Ok(None) };
+        let Some(Found { connection, time_ns, data, offset }) = self.find()? else { return Ok(None) };
         let data = self.data.get(data).unwrap_or_default();
         Ok(Some(BagMessage { connection, time_ns, data, offset }))
     }
 
-    fn find(&mut self) -> Result<Option<(u32, i64, std::ops::Range<usize>, u64)>, FormatError> {
+    fn find(&mut self) -> Result<Option<Found>, FormatError> {
         loop {
             while self.at < self.data.len() {
-                let Some(chunk) = self.next.checked_sub(1).and_then(|current| self.index.chunks.get(current)) else {
+                let Some(chunk) = self.next.checked_sub(1).and_then(|current| self.index.chunks.get(current))
+                else {
                     break;
                 };
                 let rest = self.data.get(self.at..).unwrap_or_default();
@@ -80,7 +90,8 @@ impl BagReader {
                         Compression::None => chunk.data + record as u64,
                         _ => chunk.record,
                     };
-                    return Ok(Some((id, time_ns, self.at - body.len()..self.at, offset)));
+                    let data = self.at - body.len()..self.at;
+                    return Ok(Some(Found { connection: id, time_ns, data, offset }));
                 }
             }
             let Some(chunk) = self.index.chunks.get(self.next) else { return Ok(None) };

@@ -109,7 +109,11 @@ impl<R: BufRead> Wt901cReader<R> {
             }
             if self.parser.offset() - self.good_until > MAX_JUNK {
                 let cause = format!("no WT901C frame (0x55, id 0x50 to 0x5f, sum) in {MAX_JUNK} bytes");
-                return Err(self.refused(self.good_until, cause, "give the bytes as the sensor's serial port sent them"));
+                return Err(self.refused(
+                    self.good_until,
+                    cause,
+                    "give the bytes as the sensor's serial port sent them",
+                ));
             }
         }
     }

@@ -1,0 +1,354 @@
+//! Physics of the plan on synthetic buildings at 0.1 m: the LiDAR starts at the map's origin, 1.2 m above the ground.
+
+use std::fs;
+
+use evac_formats::occupancy_grid::{FREE, OCCUPIED, OccupancyGrid, UNKNOWN};
+use evac_frames::{PoseFrame, Voxel, voxel_flags};
+use evac_stage::MapMessage;
+
+use super::*;
+
+const RESOLUTION: f64 = 0.1;
+const SENSOR_HEIGHT: f64 = 1.2;
+const OCCUPIED_VALUE: f32 = 2.0;
+const FREE_VALUE: f32 = -1.0;
+
+struct Bench {
+    stage: GridExporter,
+    output: GridOutput,
+    counters: Counters,
+    folder: tempfile::TempDir,
+    time_ns: i64,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self::with(|_| {})
+    }
+
+    fn with(change: impl FnOnce(&mut GridExporterConfig)) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut config =
+            GridExporterConfig { output_dir: folder.path().join("out"), ..GridExporterConfig::default() };
+        change(&mut config);
+        Self {
+            stage: GridExporter::new(config, &Rig::default()).unwrap(),
+            output: GridOutput::default(),
+            counters: Counters::default(),
+            folder,
+            time_ns: 0,
+        }
+    }
+
+    fn send(&mut self, position: [f64; 3], voxels: &[Voxel], flags: u32) {
+        self.time_ns += 100_000_000;
+        let frame = FrameHeader { end_ns: self.time_ns, ..FrameHeader::default() };
+        let header =
+            MapHeader { frame, resolution: RESOLUTION, position, map_flags: flags, ..MapHeader::default() };
+        let pose = PoseFrame { frame, position, ..PoseFrame::default() };
+        let input = PlanInput { map: MapMessage { header: &header, voxels }, pose: &pose };
+        self.stage.process(input, &mut self.output, &mut self.counters).unwrap();
+    }
+
+    fn walk(&mut self, from: [f64; 3], to: [f64; 3], voxels: &[Voxel]) {
+        self.send(from, voxels, 0);
+        for i in 1..=50 {
+            let share = f64::from(i) / 50.0;
+            let position = [0, 1, 2].map(|axis: usize| from[axis] + (to[axis] - from[axis]) * share);
+            self.send(position, &[], 0);
+        }
+    }
+
+    fn plan(&mut self) -> Plan {
+        self.stage.finish().unwrap();
+        let read = evac_formats::occupancy_grid::read(&self.folder.path().join("out/plan.yaml"));
+        assert_eq!(&read.unwrap(), self.stage.projection.grid());
+        Plan(self.stage.projection.grid().clone())
+    }
+}
+
+struct Plan(OccupancyGrid);
+
+impl Plan {
+    /// The cell at a place, metres.
+    fn at(&self, x: f64, y: f64) -> i8 {
+        let [cx, cy] = [(x, self.0.origin[0]), (y, self.0.origin[1])]
+            .map(|(value, origin)| ((value - origin) / self.0.resolution).floor() as i64);
+        let inside =
+            (0..i64::from(self.0.width)).contains(&cx) && (0..i64::from(self.0.height)).contains(&cy);
+        if inside { self.0.cells[cy as usize * self.0.width as usize + cx as usize] } else { UNKNOWN }
+    }
+
+    fn count(&self, state: i8) -> usize {
+        self.0.cells.iter().filter(|cell| **cell == state).count()
+    }
+}
+
+fn voxel(x: f64, y: f64, z: f64, log_odds: f32, flags: u16) -> Voxel {
+    let key = [x, y, z].map(|axis| ((axis / RESOLUTION).floor() as i32 + 32_768) as u16);
+    Voxel { key, flags, log_odds }
+}
+
+/// Centres of the voxels from `low` to `high`.
+fn steps(low: f64, high: f64) -> impl Iterator<Item = f64> + Clone {
+    let count = ((high - low) / RESOLUTION).round() as i32;
+    (0..count).map(move |i| low + (f64::from(i) + 0.5) * RESOLUTION)
+}
+
+/// A column: ground at `ground`, then free, or occupied where `solid` says so by the height above ground.
+fn column(voxels: &mut Vec<Voxel>, x: f64, y: f64, ground: f64, solid: impl Fn(f64) -> bool) {
+    voxels.push(voxel(x, y, ground, FREE_VALUE, voxel_flags::KNOWN | voxel_flags::GROUND));
+    for above in steps(0.1, 2.6) {
+        let value = if solid(above) { OCCUPIED_VALUE } else { FREE_VALUE };
+        voxels.push(voxel(x, y, ground + above, value, voxel_flags::KNOWN));
+    }
+}
+
+/// A wall over one cell: seen from the side, so without ground below it.
+fn wall(voxels: &mut Vec<Voxel>, x: f64, y: f64, ground: f64) {
+    for above in steps(0.0, 2.6) {
+        voxels.push(voxel(x, y, ground + above, OCCUPIED_VALUE, voxel_flags::KNOWN));
+    }
+}
+
+/// Walls around x from -1 to 5 m, y from -2 to 2 m, a door in the wall at x = 5 from y = -0.5 to 0.5 m, a ceiling.
+fn room(ground: f64) -> Vec<Voxel> {
+    let mut voxels = Vec::new();
+    for (x, y) in steps(-1.0, 5.0).flat_map(|x| steps(-2.0, 2.0).map(move |y| (x, y))) {
+        if x < -0.9 || y.abs() > 1.9 || (x > 4.9 && y.abs() > 0.5) {
+            wall(&mut voxels, x, y, ground);
+        } else {
+            column(&mut voxels, x, y, ground, |above| above > 2.4);
+        }
+    }
+    voxels
+}
+
+#[test]
+fn a_room_is_an_occupied_ring_with_a_free_door_and_free_inside_and_unknown_outside() {
+    // The configured sensor height is wrong on purpose: it is measured from the ground under the path.
+    let mut bench = Bench::with(|config| config.sensor_height_m = 2.5);
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &room(-SENSOR_HEIGHT));
+    let plan = bench.plan();
+    for (x, y) in steps(-1.0, 5.0).flat_map(|x| steps(-2.0, 2.0).map(move |y| (x, y))) {
+        let ring = x < -0.9 || y.abs() > 1.9 || (x > 4.9 && y.abs() > 0.5);
+        assert_eq!(plan.at(x, y), if ring { OCCUPIED } else { FREE }, "{x} {y}");
+    }
+    assert_eq!(plan.at(4.95, 0.0), FREE);
+    assert_eq!(plan.count(FREE) + plan.count(OCCUPIED), 60 * 40);
+    // Half a metre of margin on every side.
+    assert_eq!((plan.0.width, plan.0.height), (70, 50));
+    assert!((plan.0.origin[0] + 1.5).abs() < 1e-9 && (plan.0.origin[1] + 2.5).abs() < 1e-9);
+}
+
+#[test]
+fn what_hangs_above_the_band_does_not_block_and_what_stands_in_it_does() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    for (y, solid) in [(-1.05, 1.95..2.2), (0.05, 0.25..0.4), (1.05, 0.0..0.15)] {
+        for x in steps(2.0, 3.0) {
+            column(&mut voxels, x, y, -SENSOR_HEIGHT, |above| solid.contains(&above));
+        }
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    assert_eq!(plan.at(2.55, -1.05), FREE, "a lamp 2 m above the ground");
+    assert_eq!(plan.at(2.55, 0.05), OCCUPIED, "a low box");
+    assert_eq!(plan.at(2.55, 1.05), FREE, "a threshold");
+}
+
+#[test]
+fn a_column_of_ceiling_only_is_neither_occupied_nor_free() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    for (x, y) in steps(6.0, 7.0).flat_map(|x| steps(-0.5, 0.5).map(move |y| (x, y))) {
+        voxels.push(voxel(x, y, -SENSOR_HEIGHT + 2.45, OCCUPIED_VALUE, voxel_flags::KNOWN));
+        voxels.push(voxel(x, y, -SENSOR_HEIGHT + 2.05, FREE_VALUE, voxel_flags::KNOWN));
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    assert_eq!(plan.at(6.55, 0.05), UNKNOWN);
+}
+
+#[test]
+fn a_single_stray_voxel_is_no_obstacle_but_a_post_is() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    column(&mut voxels, 2.05, 1.05, -SENSOR_HEIGHT, |above| (above - 0.95).abs() < 0.01);
+    column(&mut voxels, 3.05, 1.05, -SENSOR_HEIGHT, |above| above < 1.0);
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    assert_eq!(plan.at(2.05, 1.05), FREE);
+    assert_eq!(plan.at(3.05, 1.05), OCCUPIED);
+}
+
+#[test]
+fn one_ray_over_a_table_does_not_make_the_floor_behind_it_free() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    for above in [0.05, 0.15, 1.5] {
+        voxels.push(voxel(6.05, 0.05, -SENSOR_HEIGHT + above, FREE_VALUE, voxel_flags::KNOWN));
+        voxels.push(voxel(6.05, 0.25, -SENSOR_HEIGHT + above, FREE_VALUE, voxel_flags::KNOWN));
+    }
+    voxels.push(voxel(6.05, 0.25, -SENSOR_HEIGHT + 1.05, FREE_VALUE, voxel_flags::KNOWN));
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    assert_eq!(plan.at(6.05, 0.05), UNKNOWN);
+    assert_eq!(plan.at(6.05, 0.25), FREE, "seen through at two heights");
+}
+
+#[test]
+fn a_person_who_walked_away_leaves_no_trace() {
+    let mut bench = Bench::new();
+    let mut voxels = room(-SENSOR_HEIGHT);
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let before = bench.plan();
+    let mut person = Vec::new();
+    for (x, y) in steps(2.0, 2.4).flat_map(|x| steps(1.0, 1.4).map(move |y| (x, y))) {
+        column(&mut person, x, y, -SENSOR_HEIGHT, |above| above < 1.7);
+    }
+    bench.send([4.0, 0.0, 0.0], &person, 0);
+    assert_eq!(bench.plan().at(2.25, 1.25), OCCUPIED);
+    voxels.retain(|voxel| person.iter().any(|other| other.key == voxel.key));
+    bench.send([4.0, 0.0, 0.0], &voxels, 0);
+    assert_eq!(bench.plan().0, before.0);
+}
+
+#[test]
+fn along_a_ramp_the_band_follows_the_ground() {
+    // 10 % over 20 m: at its end the ground is 2 m higher, above the whole band of its beginning.
+    let rise = |x: f64| -SENSOR_HEIGHT + 0.1 * x;
+    let mut voxels = Vec::new();
+    for x in steps(0.0, 20.0) {
+        for y in steps(-1.0, 1.0) {
+            if y.abs() > 0.9 {
+                wall(&mut voxels, x, y, rise(x));
+            } else {
+                // A ceiling 2.2 m above the ramp, and a box of 0.5 m at two places.
+                let boxed = y > 0.5 && (x - 1.0).abs().min((x - 19.0).abs()) < 0.3;
+                column(&mut voxels, x, y, rise(x), |above| above > 2.2 || boxed && above < 0.5);
+            }
+        }
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.5, 0.0, 0.05], [19.5, 0.0, 1.95], &voxels);
+    let plan = bench.plan();
+    for x in steps(0.0, 20.0) {
+        assert_eq!(plan.at(x, 0.05), FREE, "{x}");
+        assert_eq!([plan.at(x, 0.95), plan.at(x, -0.95)], [OCCUPIED; 2], "{x}");
+    }
+    assert_eq!([plan.at(1.05, 0.75), plan.at(19.05, 0.75)], [OCCUPIED; 2]);
+    assert_eq!(plan.at(10.05, 0.75), FREE);
+}
+
+#[test]
+fn a_storey_seen_later_changes_nothing_where_the_first_one_is() {
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &room(-SENSOR_HEIGHT));
+    let before = bench.plan();
+    // Up a flight of stairs over the room, then about on a storey 3 m higher with a wall across it.
+    let mut upper = Vec::new();
+    for (x, y) in steps(-0.9, 4.9).flat_map(|x| steps(-1.9, 1.9).map(move |y| (x, y))) {
+        if (x - 2.05).abs() < 0.1 {
+            wall(&mut upper, x, y, 3.0 - SENSOR_HEIGHT);
+        } else {
+            column(&mut upper, x, y, 3.0 - SENSOR_HEIGHT, |above| above > 2.4);
+        }
+    }
+    bench.walk([4.0, 0.0, 0.0], [0.0, 0.0, 3.0], &upper);
+    bench.walk([0.0, 0.0, 3.0], [4.0, 0.0, 3.0], &[]);
+    assert_eq!(bench.plan().0, before.0);
+}
+
+#[test]
+fn the_void_of_a_gallery_is_not_free() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    for (x, y) in steps(5.0, 7.0).flat_map(|x| steps(-0.5, 0.5).map(move |y| (x, y))) {
+        column(&mut voxels, x, y, -SENSOR_HEIGHT - 4.0, |_| false);
+        voxels.extend(steps(-1.5, 1.0).map(|z| voxel(x, y, z, FREE_VALUE, voxel_flags::KNOWN)));
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    assert_eq!(bench.plan().at(6.05, 0.05), UNKNOWN);
+}
+
+#[test]
+fn without_any_ground_the_band_hangs_on_the_path() {
+    let voxels: Vec<_> =
+        room(-SENSOR_HEIGHT).into_iter().map(|voxel| Voxel { flags: voxel_flags::KNOWN, ..voxel }).collect();
+    let mut bench = Bench::with(|config| config.sensor_height_m = SENSOR_HEIGHT);
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    assert_eq!(plan.at(2.05, 0.05), FREE);
+    assert_eq!(plan.at(-0.95, 0.05), OCCUPIED);
+    // With the sensor taken for 4 m high the band lies below the room.
+    let mut bench = Bench::with(|config| config.sensor_height_m = 4.0);
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    bench.stage.finish().unwrap();
+    assert_eq!(Plan(bench.stage.projection.grid().clone()).count(OCCUPIED), 0);
+}
+
+#[test]
+fn a_snapshot_replaces_the_map() {
+    let mut bench = Bench::new();
+    bench.walk(
+        [0.0; 3],
+        [4.0, 0.0, 0.0],
+        &[voxel(20.0, 0.0, 0.0, OCCUPIED_VALUE, 2), voxel(20.0, 0.0, 0.1, 2.0, 2)],
+    );
+    bench.send([4.0, 0.0, 0.0], &room(-SENSOR_HEIGHT), map_flags::SNAPSHOT);
+    let mut other = Bench::new();
+    other.walk([0.0; 3], [4.0, 0.0, 0.0], &room(-SENSOR_HEIGHT));
+    assert_eq!(bench.plan().0, other.plan().0);
+}
+
+#[test]
+fn plans_are_published_by_sensor_time_and_at_the_end() {
+    let mut bench = Bench::with(|config| config.publish_interval_s = 2.0);
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &room(-SENSOR_HEIGHT));
+    let times: Vec<_> = bench.output.memory.iter().map(|(header, _)| header.frame.end_ns).collect();
+    assert_eq!(times, [2_100_000_000, 4_100_000_000]);
+    let frame =
+        FrameHeader { end_ns: 5_200_000_000, flags: frame_flags::END_OF_STREAM, ..FrameHeader::default() };
+    let header = MapHeader { frame, resolution: RESOLUTION, ..MapHeader::default() };
+    let pose = PoseFrame { frame, ..PoseFrame::default() };
+    let input = PlanInput { map: MapMessage { header: &header, voxels: &[] }, pose: &pose };
+    bench.stage.process(input, &mut bench.output, &mut bench.counters).unwrap();
+    let (last, cells) = bench.output.memory.last().unwrap();
+    assert_eq!(last.frame, frame);
+    let grid = bench.stage.projection.grid();
+    assert_eq!(
+        (last.width, last.height, last.origin),
+        (grid.width, grid.height, [grid.origin[0], grid.origin[1]])
+    );
+    assert_eq!(cells, &grid.cells);
+    // The end has saved the files already.
+    fs::remove_file(bench.folder.path().join("out/plan.png")).unwrap();
+    bench.stage.finish().unwrap();
+    assert!(!bench.folder.path().join("out/plan.png").exists());
+}
+
+#[test]
+fn two_runs_write_the_same_bytes() {
+    let files = || {
+        let mut bench = Bench::new();
+        bench.walk([0.0; 3], [4.0, 0.0, 0.0], &room(-SENSOR_HEIGHT));
+        bench.stage.finish().unwrap();
+        ["plan.pgm", "plan.yaml", "plan.png"]
+            .map(|name| fs::read(bench.folder.path().join("out").join(name)).unwrap())
+    };
+    assert!(files() == files());
+}
+
+#[test]
+fn nothing_seen_gives_no_files_and_bad_data_are_counted() {
+    let mut bench = Bench::new();
+    bench.stage.finish().unwrap();
+    bench.send([f64::NAN, 0.0, 0.0], &room(0.0), 0);
+    assert_eq!(bench.counters, Counters { degraded: 2, ..Counters::default() });
+    bench.send([0.0; 3], &[], 0);
+    bench.stage.finish().unwrap();
+    assert_eq!(fs::read_dir(bench.folder.path().join("out")).unwrap().count(), 0);
+    bench.send([0.0; 3], &[voxel(1000.0, 0.0, 0.0, 1.0, 2), voxel(0.0, 0.0, 0.0, f32::NAN, 2)], 0);
+    assert_eq!(bench.counters.rejected, 2);
+}

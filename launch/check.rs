@@ -1,0 +1,83 @@
+//! `evac check`: what can be wrong is found before anything starts.
+
+use std::path::Path;
+
+use evac_config::{ConfigError, Pipeline};
+
+use crate::error::LaunchError;
+use crate::registry::{Kind, kind};
+
+/// Services that a stage can do without.
+const OPTIONAL: &[&str] = &["odometry/pose", "truth/pose", "map/snapshot"];
+
+/// `evac check PIPELINE.toml`.
+pub(crate) fn check_file(path: &Path) -> Result<(), LaunchError> {
+    let pipeline = read_checked(path)?;
+    println!("{}: valid, {} stages", path.display(), pipeline.stages.len());
+    for stage in &pipeline.stages {
+        let Kind { reads, writes, .. } = kind(&stage.kind)?;
+        println!("  {:<16} {:<14} {} -> {}", stage.name(), stage.kind, reads.join(" "), writes.join(" "));
+    }
+    Ok(())
+}
+
+/// Reads a pipeline file and checks everything that can be checked before it runs.
+pub(crate) fn read_checked(path: &Path) -> Result<Pipeline, LaunchError> {
+    let pipeline = Pipeline::read(path)?;
+    check(&pipeline).map_err(|cause| ConfigError::value(path, cause))?;
+    Ok(pipeline)
+}
+
+/// Kinds, configurations, executables, and that every service has exactly one writer and every reader one to read from.
+pub(crate) fn check(pipeline: &Pipeline) -> Result<(), String> {
+    if pipeline.stages.is_empty() {
+        return Err("there is no [[stage]]; start from a file in launch/pipelines".to_owned());
+    }
+    let mut kinds = Vec::new();
+    for entry in &pipeline.stages {
+        let kind = kind(&entry.kind).map_err(|error| error.to_string())?;
+        // Another executable has a configuration of its own, which only it can check.
+        match entry.run.as_deref().and_then(<[_]>::first) {
+            None => (kind.check)(entry)?,
+            Some(executable) => check_executable(entry.name(), executable)?,
+        }
+        kinds.push((entry.name(), kind));
+    }
+    for (name, reader) in &kinds {
+        for service in reader.reads {
+            let has_writer = kinds.iter().any(|(_, kind)| kind.writes.contains(service));
+            if !has_writer && !OPTIONAL.contains(service) {
+                return Err(format!(
+                    "stage '{name}' reads {service}, which no stage writes; add one that does"
+                ));
+            }
+        }
+    }
+    for (i, (name, writer)) in kinds.iter().enumerate() {
+        for (other, second) in kinds.iter().skip(i + 1) {
+            if let Some(service) = writer.writes.iter().find(|service| second.writes.contains(service)) {
+                return Err(format!(
+                    "stages '{name}' and '{other}' both write {service}; remove one of them"
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_executable(name: &str, executable: &Path) -> Result<(), String> {
+    use std::os::unix::fs::PermissionsExt as _;
+    // A bare name is looked up in PATH when it is started.
+    if executable.components().count() == 1 {
+        return Ok(());
+    }
+    match std::fs::metadata(executable) {
+        Ok(file) if file.is_file() && file.permissions().mode() & 0o111 != 0 => Ok(()),
+        Ok(_) => {
+            Err(format!("stage '{name}': {} is not an executable file (chmod +x?)", executable.display()))
+        }
+        Err(cause) => {
+            Err(format!("stage '{name}': {}: {cause}; check the path in run", executable.display()))
+        }
+    }
+}

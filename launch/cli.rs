@@ -1,0 +1,197 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use evac_stage::{LogOptions, RunOptions};
+
+/// LiDAR and IMU mapping of evacuation routes: a walk in, an OctoMap and a flat map out.
+///
+/// Every stage is a process of its own; frames travel through shared memory.
+#[derive(Debug, Parser)]
+#[command(name = "evac", version, about, max_term_width = 110)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// What `evac` can do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Walk through a simulated building and map it
+    ///
+    /// Starts the whole pipeline as processes and writes map.ot, map.bt, plan.pgm, plan.yaml, plan.png, trajectory.tum,
+    /// truth.tum, cloud.pcd and summary.json.
+    Demo(DemoArgs),
+    /// Map a recording
+    ///
+    /// Lossless, as fast as it goes, and the same result every time. Writes map.ot, map.bt, plan.pgm, plan.yaml, plan.png,
+    /// trajectory.tum, cloud.pcd and summary.json.
+    #[command(after_help = MAP_HELP)]
+    Map(MapArgs),
+    /// Run a pipeline file until it ends or SIGTERM comes
+    Up(UpArgs),
+    /// Stop the pipeline that runs in a pipeline file's domain
+    Down(DomainArgs),
+    /// Show every stage of a running pipeline: pid, state, rate, age, losses and latency
+    Status(StatusArgs),
+    /// Check a pipeline file without starting anything
+    Check(CheckArgs),
+    /// Run one stage in this process
+    #[command(
+        after_help = "Kinds: simulator, replay, deskewer, lio, octree_mapper, grid_exporter, map_saver"
+    )]
+    Stage(StageArgs),
+    /// Turn a point cloud into an octree file
+    ///
+    /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
+    Convert(ConvertArgs),
+}
+
+const MAP_HELP: &str = "Recordings:\n  \
+    WALK.bag               ROS 1 bag: livox_ros_driver/CustomMsg or sensor_msgs/PointCloud2, and sensor_msgs/Imu\n  \
+    --lidar X.pcap         UDP capture of a Livox SDK1 device\n  \
+    --imu Y.bin            bytes of a WT901C as they came over the serial line; a log without time frames is\n                         \
+    taken as evenly sampled from the first LiDAR packet's device time on\n\n\
+    Rig file:\n  [rig.imu_from_lidar]\n  translation_m = [0.05, -0.02, 0.06]       # LiDAR origin in the IMU frame\n  \
+    roll_pitch_yaw_deg = [0.5, -1.0, 1.5]     # R = Rz Ry Rx takes LiDAR to IMU coordinates";
+
+/// Worlds of the simulator.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum World {
+    /// A basement corridor in a loop.
+    Corridor,
+    /// A station hall with pillars and walking people.
+    Hall,
+    /// Two storeys and the stairs between them.
+    Stairwell,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DemoArgs {
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-out")]
+    pub(crate) output: PathBuf,
+    /// Seed of noise, biases and gait
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// The building
+    #[arg(long, value_enum, default_value_t = World::Corridor)]
+    pub(crate) world: World,
+    /// End the walk after this many seconds
+    #[arg(long, value_name = "SECONDS")]
+    pub(crate) duration: Option<f64>,
+    /// Also write the walk as a recording (lidar.pcap, wt901c.bin, truth.tum, rig.toml)
+    #[arg(long, value_name = "DIR")]
+    pub(crate) record: Option<PathBuf>,
+    /// Run in real time instead of as fast as it goes
+    #[arg(long)]
+    pub(crate) real_time: bool,
+    /// Edge of a voxel, metres
+    #[arg(long, value_name = "METRES")]
+    pub(crate) resolution: Option<f64>,
+    /// Space of shared-memory services
+    #[arg(long, default_value = "evac")]
+    pub(crate) domain: String,
+    #[command(flatten)]
+    pub(crate) log: LogOptions,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct MapArgs {
+    /// ROS 1 bag with LiDAR and IMU
+    #[arg(value_name = "WALK.bag", required_unless_present = "lidar", conflicts_with_all = ["lidar", "imu"])]
+    pub(crate) bag: Option<PathBuf>,
+    /// UDP capture of a Livox SDK1 device
+    #[arg(long, value_name = "X.pcap")]
+    pub(crate) lidar: Option<PathBuf>,
+    /// Byte log of a WT901C [default: the LiDAR's own IMU in the capture]
+    #[arg(long, value_name = "Y.bin", requires = "lidar")]
+    pub(crate) imu: Option<PathBuf>,
+    /// Samples per second of the byte log
+    #[arg(long, value_name = "HZ", default_value_t = 200.0)]
+    pub(crate) imu_rate: f64,
+    /// Added to the byte log's times
+    #[arg(long, value_name = "MS", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub(crate) imu_offset_ms: f64,
+    /// Where the LiDAR sits on the IMU [default: both in one place]
+    #[arg(long, value_name = "RIG.toml")]
+    pub(crate) rig: Option<PathBuf>,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-out")]
+    pub(crate) output: PathBuf,
+    /// Edge of a voxel, metres
+    #[arg(long, value_name = "METRES")]
+    pub(crate) resolution: Option<f64>,
+    /// True trajectory; adds the drift to the summary
+    #[arg(long, value_name = "TRUTH.tum")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Space of shared-memory services [default: one of its own, so that several can run at once]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+    #[command(flatten)]
+    pub(crate) log: LogOptions,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct UpArgs {
+    /// Pipeline file
+    #[arg(value_name = "PIPELINE.toml")]
+    pub(crate) pipeline: PathBuf,
+    /// Space of shared-memory services [default: the pipeline file's, or evac]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+    #[command(flatten)]
+    pub(crate) log: LogOptions,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DomainArgs {
+    /// Pipeline file [default: the domain evac]
+    #[arg(value_name = "PIPELINE.toml")]
+    pub(crate) pipeline: Option<PathBuf>,
+    /// Space of shared-memory services [default: the pipeline file's, or evac]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct StatusArgs {
+    #[command(flatten)]
+    pub(crate) domain: DomainArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct CheckArgs {
+    /// Pipeline file
+    #[arg(value_name = "PIPELINE.toml")]
+    pub(crate) pipeline: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct StageArgs {
+    /// Which kind of stage
+    #[arg(value_name = "NAME")]
+    pub(crate) kind: String,
+    #[command(flatten)]
+    pub(crate) options: RunOptions,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ConvertArgs {
+    /// Point cloud (PCD: ascii, binary or compressed)
+    #[arg(value_name = "CLOUD.pcd")]
+    pub(crate) cloud: PathBuf,
+    /// Edge of a voxel, metres
+    #[arg(long, value_name = "METRES")]
+    pub(crate) resolution: f64,
+    /// Leave the ground of all levels out
+    #[arg(long)]
+    pub(crate) remove_ground: bool,
+    /// Octree file, .bt (occupied or free) or .ot (log-odds)
+    #[arg(short, long, value_name = "MAP.bt|MAP.ot")]
+    pub(crate) output: PathBuf,
+}

@@ -1,0 +1,212 @@
+//! `evac demo` and `evac map`: a walk with an end, from its first frame to the summary.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use evac_config::{Mode, Pipeline, Rig, RigFile};
+use evac_formats::write_atomically;
+use evac_ports::{Domain, wait_on};
+use evac_stage::start_logging;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use toml::Value;
+
+use crate::check::check;
+use crate::cli::{DemoArgs, MapArgs, World};
+use crate::error::LaunchError;
+use crate::summary::{self, Run};
+use crate::supervisor::{Progress, Supervisor, interrupted};
+
+const DEMO: &str = include_str!("pipelines/demo.toml");
+const MAP: &str = include_str!("pipelines/map.toml");
+
+/// `evac demo`.
+pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
+    start_logging(&args.log);
+    let mut pipeline = Pipeline::parse(Path::new("demo.toml"), DEMO)?;
+    if args.real_time {
+        pipeline.mode = Mode::Live;
+    }
+    let world = match args.world {
+        World::Corridor => "corridor",
+        World::Hall => "hall",
+        World::Stairwell => "stairwell",
+    };
+    set(&mut pipeline, "simulator", "world", Value::from(world));
+    let seed = i64::try_from(args.seed).map_err(|_| {
+        LaunchError::Path(format!("--seed {} is too large; use at most {}", args.seed, i64::MAX))
+    })?;
+    set(&mut pipeline, "simulator", "seed", Value::from(seed));
+    if let Some(duration) = args.duration {
+        set(&mut pipeline, "simulator", "duration_s", Value::from(duration));
+    }
+    if let Some(folder) = &args.record {
+        create_folder(folder)?;
+        set(&mut pipeline, "simulator", "record", path_value(folder)?);
+    }
+    let run = Run {
+        command: "demo",
+        output: &args.output,
+        truth: None,
+        about: format!("simulated {world}, seed {}", args.seed),
+    };
+    run_to_the_end(pipeline, &Domain::new(&args.domain)?, args.resolution, &args.log, &run)
+}
+
+/// `evac map`.
+pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
+    start_logging(&args.log);
+    let mut pipeline = Pipeline::parse(Path::new("map.toml"), MAP)?;
+    pipeline.rig = args.rig.as_deref().map_or(Ok(Rig::default()), RigFile::read)?;
+    let recording = match (&args.bag, &args.lidar) {
+        (Some(bag), _) => {
+            set(&mut pipeline, "replay", "bag", existing(bag)?);
+            bag
+        }
+        (None, Some(lidar)) => {
+            set(&mut pipeline, "replay", "lidar", existing(lidar)?);
+            if let Some(imu) = &args.imu {
+                set(&mut pipeline, "replay", "imu", existing(imu)?);
+            }
+            set(&mut pipeline, "replay", "imu_rate_hz", Value::from(args.imu_rate));
+            set(&mut pipeline, "replay", "imu_offset_ms", Value::from(args.imu_offset_ms));
+            lidar
+        }
+        (None, None) => {
+            return Err(LaunchError::Path("name a recording: WALK.bag or --lidar X.pcap".to_owned()));
+        }
+    };
+    if let Some(truth) = &args.truth {
+        existing(truth)?;
+    }
+    let own = format!("map-{}", std::process::id());
+    let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
+    let run = Run {
+        command: "map",
+        output: &args.output,
+        truth: args.truth.as_deref(),
+        about: recording.display().to_string(),
+    };
+    run_to_the_end(pipeline, &domain, args.resolution, &args.log, &run)
+}
+
+fn run_to_the_end(
+    mut pipeline: Pipeline,
+    domain: &Domain,
+    resolution: Option<f64>,
+    log: &evac_stage::LogOptions,
+    run: &Run<'_>,
+) -> Result<(), LaunchError> {
+    create_folder(run.output)?;
+    for sink in ["grid_exporter", "map_saver"] {
+        set(&mut pipeline, sink, "output_dir", path_value(run.output)?);
+    }
+    if let Some(resolution) = resolution {
+        set(&mut pipeline, "octree_mapper", "resolution_m", Value::from(resolution));
+    }
+    check(&pipeline).map_err(|cause| LaunchError::Run(evac_stage::RunError::Value(cause)))?;
+    // Written where the results are, so that the run can be repeated with `evac up`.
+    let file = run.output.join("pipeline.toml");
+    let text = toml::to_string(&pipeline)
+        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
+    write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+
+    let started = Instant::now();
+    let (mut supervisor, listeners) = Supervisor::start(&pipeline, &file, domain, log)?;
+    let bar = Bar::new(&run.about);
+    let mut frames = 0;
+    let ended = wait_on(&listeners, |_| match step(&mut supervisor, &bar, &mut frames) {
+        Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
+        Ok(Progress::Running) => ControlFlow::Continue(Duration::from_millis(100)),
+        Ok(Progress::Finished) => ControlFlow::Break(Ok(())),
+        Err(error) => ControlFlow::Break(Err(error)),
+    })?;
+    bar.end();
+    let stopped = supervisor.stop();
+    ended.and(stopped)?;
+    summary::write(run, &pipeline, supervisor.board(), started.elapsed())
+}
+
+fn step(supervisor: &mut Supervisor, bar: &Bar, frames: &mut u64) -> Result<Progress, LaunchError> {
+    let progress = supervisor.watch()?;
+    while let Some(ack) = supervisor.take_ack()? {
+        *frames = (*frames).max(ack.seq + 1);
+    }
+    bar.show(*frames, supervisor.total_scans());
+    Ok(progress)
+}
+
+/// A bar on a terminal, a line now and then elsewhere.
+struct Bar {
+    bar: ProgressBar,
+    about: String,
+    last_line: std::cell::Cell<(u64, Option<Instant>)>,
+}
+
+/// Time between two lines where there is no terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
+
+impl Bar {
+    fn new(about: &str) -> Self {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
+        if let Ok(style) =
+            ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left")
+        {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        bar.set_message(about.to_owned());
+        Self { bar, about: about.to_owned(), last_line: std::cell::Cell::new((0, None)) }
+    }
+
+    fn show(&self, frames: u64, total: Option<u64>) {
+        if let Some(total) = total {
+            self.bar.set_length(total);
+        }
+        self.bar.set_position(frames);
+        let (shown, when) = self.last_line.get();
+        if self.bar.is_hidden() && frames > shown && when.is_none_or(|when| when.elapsed() > LINE_INTERVAL) {
+            let of = total.map_or(String::new(), |total| format!(" of {total}"));
+            eprintln!("{}: {frames}{of} frames", self.about);
+            self.last_line.set((frames, Some(Instant::now())));
+        }
+    }
+
+    fn end(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
+    for entry in pipeline.stages.iter_mut().filter(|entry| entry.kind == stage) {
+        entry.config.insert(key.to_owned(), value.clone());
+    }
+}
+
+fn create_folder(folder: &Path) -> Result<(), LaunchError> {
+    std::fs::create_dir_all(folder).map_err(|cause| {
+        LaunchError::Path(format!(
+            "{}: {cause}; choose a folder that you may write to with -o",
+            folder.display()
+        ))
+    })
+}
+
+/// The path of a file that is there, absolute because stages may run elsewhere.
+fn existing(path: &PathBuf) -> Result<Value, LaunchError> {
+    match std::fs::metadata(path) {
+        Ok(file) if file.is_file() => path_value(path),
+        Ok(_) => {
+            Err(LaunchError::Path(format!("{}: is not a file; name the recording itself", path.display())))
+        }
+        Err(cause) => Err(LaunchError::Path(format!("{}: {cause}; check the path", path.display()))),
+    }
+}
+
+fn path_value(path: &Path) -> Result<Value, LaunchError> {
+    let absolute = std::path::absolute(path)
+        .map_err(|cause| LaunchError::Path(format!("{}: {cause}; check the path", path.display())))?;
+    match absolute.to_str() {
+        Some(text) => Ok(Value::from(text)),
+        None => Err(LaunchError::Path(format!("{}: the name is not UTF-8; rename it", path.display()))),
+    }
+}

@@ -1,0 +1,48 @@
+//! `evac`: the command that starts, watches and stops pipelines, and every stage in one executable.
+
+mod check;
+mod cli;
+mod convert;
+mod drift;
+mod error;
+mod finite;
+mod health_board;
+mod live;
+mod registry;
+mod status;
+mod summary;
+mod supervisor;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+
+use crate::cli::{Cli, Command};
+use crate::error::LaunchError;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    match run(cli.command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // A stage that ended with an error has said so itself.
+            if !matches!(error, LaunchError::Child { .. }) {
+                eprintln!("evac: {error}");
+            }
+            ExitCode::from(error.code())
+        }
+    }
+}
+
+fn run(command: Command) -> Result<(), LaunchError> {
+    match command {
+        Command::Demo(args) => finite::demo(&args),
+        Command::Map(args) => finite::map(&args),
+        Command::Up(args) => live::up(&args),
+        Command::Down(args) => live::down(&args),
+        Command::Status(args) => status::status(&args),
+        Command::Check(args) => check::check_file(&args.pipeline),
+        Command::Stage(args) => registry::run_stage(&args),
+        Command::Convert(args) => convert::convert(&args),
+    }
+}

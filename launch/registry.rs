@@ -1,0 +1,105 @@
+//! Every kind of stage in this executable.
+
+use evac_config::StageEntry;
+use evac_deskewer::Deskewer;
+use evac_grid_exporter::GridExporter;
+use evac_map_saver::MapSaver;
+use evac_octree_mapper::OctreeMapper;
+use evac_odometry::Lio;
+use evac_replay::Replay;
+use evac_simulator::Simulator;
+use evac_stage::joins::{DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin};
+use evac_stage::{
+    RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_source, run_stage as run_one,
+    start_logging,
+};
+
+use crate::cli::StageArgs;
+use crate::error::LaunchError;
+
+/// When a stage is started and stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Role {
+    /// Stopped first, started last.
+    Producer,
+    Processor,
+    /// Stopped last: it finishes its files.
+    Consumer,
+}
+
+/// What is known about a kind of stage before it is started.
+pub(crate) struct Kind {
+    pub(crate) name: &'static str,
+    pub(crate) role: Role,
+    /// Services it reads.
+    pub(crate) reads: &'static [&'static str],
+    /// Services it writes.
+    pub(crate) writes: &'static [&'static str],
+    /// Checks its configuration.
+    pub(crate) check: fn(&StageEntry) -> Result<(), String>,
+    run: fn(&RunOptions) -> Result<(), RunError>,
+}
+
+/// All kinds, in the order in which data flows.
+pub(crate) fn kinds() -> [Kind; 7] {
+    [
+        source::<Simulator>(),
+        source::<Replay>(),
+        stage::<Deskewer, RawScanWithImu>(Role::Processor),
+        stage::<Lio, DeskewedScanWithImu>(Role::Processor),
+        stage::<OctreeMapper, ScanPoseJoin>(Role::Processor),
+        stage::<GridExporter, PlanJoin>(Role::Consumer),
+        stage::<MapSaver, SinkJoin>(Role::Consumer),
+    ]
+}
+
+/// The kind of that name.
+pub(crate) fn kind(name: &str) -> Result<Kind, RunError> {
+    kinds().into_iter().find(|kind| kind.name == name).ok_or_else(|| {
+        let names: Vec<_> = kinds().iter().map(|kind| kind.name).collect();
+        RunError::Value(format!("there is no stage of kind '{name}'; the kinds are: {}", names.join(", ")))
+    })
+}
+
+/// `evac stage NAME`.
+pub(crate) fn run_stage(args: &StageArgs) -> Result<(), LaunchError> {
+    start_logging(&args.options.log);
+    let kind = kind(&args.kind)?;
+    // The stage's own name in front of its message, as its own executable would write it.
+    (kind.run)(&args.options).map_err(|error| {
+        eprintln!("{}: {error}", args.options.name.as_deref().unwrap_or(kind.name));
+        LaunchError::Child { name: kind.name.to_owned(), code: error.code() }
+    })
+}
+
+fn stage<S, J>(role: Role) -> Kind
+where
+    J: Join,
+    S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
+    S::Output: StageOutput,
+{
+    Kind {
+        name: S::NAME,
+        role,
+        reads: J::SERVICES,
+        writes: S::Output::SERVICES,
+        check: check::<S::Config>,
+        run: run_one::<S, J>,
+    }
+}
+
+fn source<S: Source>() -> Kind {
+    Kind {
+        name: S::NAME,
+        role: Role::Producer,
+        reads: &[],
+        writes: &["lidar/scan", "imu/sample", "truth/pose"],
+        check: check::<S::Config>,
+        run: run_source::<S>,
+    }
+}
+
+fn check<C: StageConfig>(entry: &StageEntry) -> Result<(), String> {
+    let config: C = entry.typed_config()?;
+    config.check().map_err(|cause| format!("stage '{}': {cause}", entry.name()))
+}

@@ -1,0 +1,102 @@
+//! `evac status`.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use evac_config::Pipeline;
+use evac_ports::{Bus, Domain, wait_on};
+use evac_stage::RunError;
+use serde_json::{Map, Value, json};
+
+use crate::cli::{DomainArgs, StatusArgs};
+use crate::error::LaunchError;
+use crate::health_board::{HealthBoard, age_s, as_json, state_word};
+
+/// Every stage reports once a second.
+const PATIENCE: Duration = Duration::from_millis(1300);
+
+/// The domain that a command means.
+pub(crate) fn domain_of(args: &DomainArgs) -> Result<Domain, LaunchError> {
+    let pipeline = args.pipeline.as_deref().map(Pipeline::read).transpose()?;
+    let name = args.domain.clone().or(pipeline.and_then(|pipeline| pipeline.domain));
+    Ok(Domain::new(name.as_deref().unwrap_or(Domain::DEFAULT))?)
+}
+
+/// Nothing runs in the domain.
+pub(crate) fn nothing_runs(domain: &Domain) -> LaunchError {
+    LaunchError::Run(RunError::Peer(format!(
+        "no pipeline runs in domain '{}'; start one with `evac up` or `evac demo`, or name another --domain",
+        domain.name()
+    )))
+}
+
+/// `evac status [PIPELINE.toml] [--json]`.
+pub(crate) fn status(args: &StatusArgs) -> Result<(), LaunchError> {
+    let domain = domain_of(&args.domain)?;
+    let launcher = domain.holder().ok_or_else(|| nothing_runs(&domain))?;
+    let bus = Bus::join(&domain, "status")?;
+    let (mut board, listener) = HealthBoard::open(&bus)?;
+    let until = Instant::now() + PATIENCE;
+    wait_on(&[listener], |_| match board.take_in() {
+        Err(cause) => ControlFlow::Break(Err(cause)),
+        Ok(()) => match until.checked_duration_since(Instant::now()) {
+            Some(left) if !left.is_zero() => ControlFlow::Continue(left),
+            _ => ControlFlow::Break(Ok(())),
+        },
+    })??;
+    if args.json {
+        let stages: Map<String, Value> =
+            board.all().map(|(name, health)| (name.to_owned(), as_json(health))).collect();
+        println!("{:#}", json!({ "domain": domain.name(), "launcher_pid": launcher, "stages": stages }));
+    } else {
+        print_table(&domain, launcher, &board);
+    }
+    Ok(())
+}
+
+fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard) {
+    println!(
+        "domain {}, launcher pid {launcher}; latencies in ms since the start: p50/p99/max",
+        domain.name()
+    );
+    println!(
+        "{:<16} {:>8} {:<9} {:>8} {:>8} {:>9} {:>5} {:>5} {:>8}  {:<22} {:<22} {:<22}",
+        "stage",
+        "pid",
+        "state",
+        "rate Hz",
+        "age s",
+        "frames",
+        "lost",
+        "late",
+        "degraded",
+        "ipc",
+        "compute",
+        "end to end"
+    );
+    for (name, health) in board.all() {
+        let triple = |latency: &evac_frames::LatencySummary| {
+            let ms = |ns: u64| ns as f64 * 1e-6;
+            format!("{:.2}/{:.2}/{:.2}", ms(latency.p50_ns), ms(latency.p99_ns), ms(latency.max_ns))
+        };
+        println!(
+            "{:<16} {:>8} {:<9} {:>8.1} {:>8} {:>9} {:>5} {:>5} {:>8}  {:<22} {:<22} {:<22}",
+            name,
+            health.pid,
+            state_word(health),
+            health.rate_millihertz as f64 * 1e-3,
+            age_s(health).map_or("-".to_owned(), |age| format!("{age:.1}")),
+            health.frames_out,
+            health.lost,
+            health.late,
+            health.degraded,
+            triple(&health.ipc),
+            triple(&health.compute),
+            triple(&health.end_to_end),
+        );
+        let reason = evac_frames::Health::text_of(&health.reason);
+        if !reason.is_empty() {
+            println!("{:<16} {reason}", "");
+        }
+    }
+}

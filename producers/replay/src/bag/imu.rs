@@ -1,0 +1,143 @@
+//! `sensor_msgs/Imu`, in whichever unit it was published.
+
+use evac_formats::FormatError;
+use evac_formats::ros1::Imu;
+use evac_formats::rosbag::{BagIndex, BagReader};
+use evac_frames::ImuSample;
+use evac_stage::StageError;
+
+use super::bad_message;
+use super::topics::Topic;
+use crate::source::file;
+use crate::streams::{ImuStream, imu_sample};
+use crate::{Config, ImuUnit};
+
+/// Samples by which the unit is told: two seconds at 200 Hz.
+const UNIT_SAMPLES: usize = 400;
+
+/// IMU messages in the order of the bag; one whose stamp does not rise is left out.
+pub(super) struct BagImu {
+    messages: Messages,
+    /// m/s^2 of one unit of the messages.
+    unit: f64,
+    offset_ns: i64,
+    first_ns: i64,
+    last_ns: Option<i64>,
+    late: u64,
+}
+
+struct Messages {
+    index: BagIndex,
+    topic: String,
+    reader: BagReader,
+}
+
+impl BagImu {
+    pub(super) fn open(index: &BagIndex, topic: Topic, config: &Config) -> Result<Self, StageError> {
+        let open = || {
+            let reader = BagReader::new(index, &topic.connections).map_err(file)?;
+            Ok(Messages { index: index.clone(), topic: topic.name.clone(), reader })
+        };
+        let (mut first, mut norms, mut ahead) = (None, Vec::with_capacity(UNIT_SAMPLES), open()?);
+        while norms.len() < UNIT_SAMPLES {
+            let Some(ImuSample { stamp_ns, accel, .. }) = ahead.next().map_err(file)? else { break };
+            first = first.or(Some(stamp_ns));
+            norms.push(accel.iter().map(|a| a * a).sum::<f64>().sqrt());
+        }
+        let unit = match config.imu_unit {
+            ImuUnit::MetresPerSecondSquared => 1.0,
+            ImuUnit::G => config.one_g_m_s2,
+            ImuUnit::Auto => {
+                let norm = median(&mut norms);
+                let (unit, name) = unit_of(norm, config.one_g_m_s2).ok_or_else(|| {
+                    StageError::File(format!(
+                        "{}: specific force on {} has a median length of {norm:.3}, neither about 1 (g) nor about 9.8 \
+                         (m/s^2); set imu_unit",
+                        index.path().display(),
+                        topic.name
+                    ))
+                })?;
+                tracing::info!(
+                    "{}: {} has a median specific force of {norm:.3}, so its unit is {name}",
+                    index.path().display(),
+                    topic.name
+                );
+                unit
+            }
+        };
+        let (offset_ns, messages) = (config.imu_offset_ns(), open()?);
+        let first_ns = first.unwrap_or_default().saturating_add(offset_ns);
+        Ok(Self { messages, unit, offset_ns, first_ns, last_ns: None, late: 0 })
+    }
+
+    pub(super) fn first_ns(&self) -> i64 {
+        self.first_ns
+    }
+}
+
+impl ImuStream for BagImu {
+    fn next_sample(&mut self) -> Result<Option<ImuSample>, FormatError> {
+        while let Some(ImuSample { stamp_ns, gyro, accel, .. }) = self.messages.next()? {
+            if self.last_ns.is_some_and(|last| stamp_ns <= last) {
+                self.late += 1;
+                continue;
+            }
+            self.last_ns = Some(stamp_ns);
+            let stamp_ns = stamp_ns.saturating_add(self.offset_ns);
+            let sample = imu_sample(stamp_ns, gyro, accel.map(|value| value * self.unit));
+            if sample.is_some() {
+                return Ok(sample);
+            }
+        }
+        if self.late > 0 {
+            let (file, topic) = (self.messages.index.path().display(), &self.messages.topic);
+            tracing::warn!("{file}: left out {} messages on {topic} whose stamps do not rise", self.late);
+            self.late = 0;
+        }
+        Ok(None)
+    }
+}
+
+impl Messages {
+    /// The next message as it is, in its own unit.
+    fn next(&mut self) -> Result<Option<ImuSample>, FormatError> {
+        let Some(message) = self.reader.next_message()? else { return Ok(None) };
+        let imu = Imu::parse(message.data)
+            .map_err(|cause| bad_message(&self.index, &message, &self.topic, &cause.to_string()))?;
+        let Imu { header, gyro, accel } = imu;
+        Ok(Some(ImuSample { stamp_ns: header.stamp_ns, gyro, accel, ..ImuSample::default() }))
+    }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// m/s^2 of one unit in which gravity has the length `norm`, and the unit's name.
+fn unit_of(norm: f64, one_g: f64) -> Option<(f64, &'static str)> {
+    if (0.5..2.0).contains(&norm) {
+        Some((one_g, "g"))
+    } else if (5.0..20.0).contains(&norm) {
+        Some((1.0, "m/s^2"))
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gravity_tells_the_unit() {
+        assert_eq!(unit_of(0.9937, 9.80665), Some((9.80665, "g")));
+        assert_eq!(unit_of(9.78, 9.80665), Some((1.0, "m/s^2")));
+        assert_eq!(unit_of(0.0, 9.80665), None);
+        assert_eq!(unit_of(median(&mut []), 9.80665), None);
+        assert_eq!(unit_of(981.0, 9.80665), None);
+    }
+}

@@ -1,0 +1,196 @@
+//! Messages of points as scans.
+
+use evac_formats::FormatError;
+use evac_formats::ros1::{CustomMsg, PointCloud2, TimeUnit};
+use evac_formats::rosbag::{BagIndex, BagMessage, BagReader};
+use evac_frames::{FrameHeader, Point, ScanHeader, frame_flags, scan_flags};
+
+use super::bad_message;
+use super::cloud::Cloud;
+use super::topics::{Kind, Topic};
+use crate::Config;
+use crate::streams::{SECOND, ScanStream, seconds};
+
+/// Clouds whose spacing tells how long clouds without times last.
+const SPACED_CLOUDS: usize = 10;
+
+/// One message is one scan. It begins at its time base (`CustomMsg`) or stamp (`PointCloud2`) and ends one point after
+/// its last point. A cloud without times is spread over the time to the next one.
+pub(super) struct BagScans {
+    messages: Messages,
+    /// The next scan; the one after it is read before it goes out, to know whether it is the last.
+    ahead: Option<Cloud>,
+    /// Its buffer when there is none ahead.
+    spare: Cloud,
+    first_ns: i64,
+    /// Length of the last scan, for a cloud without times at the end.
+    length_ns: i64,
+    total: u64,
+}
+
+struct Messages {
+    index: BagIndex,
+    topic: Topic,
+    reader: BagReader,
+    unit: Option<TimeUnit>,
+    last_start: Option<i64>,
+    late: u64,
+}
+
+impl BagScans {
+    pub(super) fn open(index: &BagIndex, topic: Topic, config: &Config) -> Result<Self, FormatError> {
+        let mut messages = Messages::open(index, &topic)?;
+        let mut first = Cloud::default();
+        let ahead = messages.read(&mut first)?.then_some(first);
+        let first_ns = ahead.as_ref().map_or(0, |cloud| cloud.start_ns);
+        let mut length_ns = config.scan_period_ns();
+        if ahead.as_ref().is_some_and(|cloud| cloud.last_ns.is_none()) {
+            let (file, name) = (index.path().display(), &topic.name);
+            tracing::warn!("{file}: points on {name} carry no time; they are spread evenly over each scan");
+            length_ns = Messages::open(index, &topic)?.usual_spacing(length_ns)?;
+        }
+        Ok(Self { messages, ahead, spare: Cloud::default(), first_ns, length_ns, total: topic.messages })
+    }
+
+    pub(super) fn first_ns(&self) -> i64 {
+        self.first_ns
+    }
+}
+
+impl ScanStream for BagScans {
+    fn next_scan(&mut self, points: &mut Vec<Point>) -> Result<Option<ScanHeader>, FormatError> {
+        let Some(mut cloud) = self.ahead.take() else { return Ok(None) };
+        let mut next = std::mem::take(&mut self.spare);
+        let more = self.messages.read(&mut next)?;
+        let next_start = more.then_some(next.start_ns);
+        let mut header = ScanHeader {
+            points: cloud.points.len() as u32,
+            no_return: cloud.no_return,
+            rejected: cloud.rejected,
+            ..ScanHeader::default()
+        };
+        let length = match cloud.last_ns {
+            Some(last) => measured_length(last, cloud.points.len()),
+            None => {
+                header.scan_flags |= scan_flags::TIMES_ASSUMED;
+                let length = assumed_length(next_start.map(|next| next - cloud.start_ns), self.length_ns);
+                cloud.spread(length);
+                length
+            }
+        };
+        self.length_ns = length;
+        let flags = if more { 0 } else { frame_flags::END_OF_STREAM };
+        let (start_ns, end_ns) = (cloud.start_ns, cloud.start_ns + length);
+        header.frame = FrameHeader { start_ns, end_ns, flags, ..FrameHeader::default() };
+        std::mem::swap(points, &mut cloud.points);
+        (self.ahead, self.spare) = if more { (Some(next), cloud) } else { (None, cloud) };
+        Ok(Some(header))
+    }
+
+    fn total(&self) -> u64 {
+        self.total
+    }
+}
+
+impl Messages {
+    fn open(index: &BagIndex, topic: &Topic) -> Result<Self, FormatError> {
+        let reader = BagReader::new(index, &topic.connections)?;
+        let (index, topic) = (index.clone(), topic.clone());
+        Ok(Self { index, topic, reader, unit: None, last_start: None, late: 0 })
+    }
+
+    /// The shortest time between two of the first clouds; `default` where there is only one.
+    fn usual_spacing(mut self, default: i64) -> Result<i64, FormatError> {
+        let (mut cloud, mut before, mut shortest) = (Cloud::default(), None, None::<i64>);
+        for _ in 0..SPACED_CLOUDS {
+            if !self.read(&mut cloud)? {
+                break;
+            }
+            if let Some(spacing) = before.replace(cloud.start_ns).map(|before| cloud.start_ns - before) {
+                shortest = Some(shortest.map_or(spacing, |shortest| shortest.min(spacing)));
+            }
+        }
+        match shortest {
+            Some(spacing) if spacing > Point::MAX_OFFSET_NS => {
+                let (file, topic) = (self.index.path(), &self.topic.name);
+                let (is, most) = (spacing / 1_000_000, Point::MAX_OFFSET_NS / 1_000_000);
+                let cause = format!("clouds on {topic} come each {is} ms, and a scan may last {most} ms");
+                Err(FormatError::malformed(file, 0, cause, "record with 10 clouds a second"))
+            }
+            spacing => Ok(spacing.unwrap_or(default)),
+        }
+    }
+
+    /// Reads the next message whose time rises; `false` after the last.
+    fn read(&mut self, cloud: &mut Cloud) -> Result<bool, FormatError> {
+        while let Some(message) = self.reader.next_message()? {
+            let parsed = parse(self.topic.kind, &message, cloud, &mut self.unit);
+            parsed.map_err(|cause| bad_message(&self.index, &message, &self.topic.name, &cause))?;
+            let back = self.last_start.map_or(-1, |last| last - cloud.start_ns);
+            if back < 0 {
+                self.last_start = Some(cloud.start_ns);
+                return Ok(true);
+            }
+            if back > SECOND {
+                let (from, to) = (seconds(cloud.start_ns + back), seconds(cloud.start_ns));
+                let cause = format!("time goes back from {from:.3} s to {to:.3} s; the LiDAR was restarted");
+                return Err(bad_message(&self.index, &message, &self.topic.name, &cause));
+            }
+            self.late += 1;
+        }
+        if self.late > 0 {
+            let (file, topic) = (self.index.path().display(), &self.topic.name);
+            tracing::warn!("{file}: left out {} messages on {topic} whose times do not rise", self.late);
+            self.late = 0;
+        }
+        Ok(false)
+    }
+}
+
+fn parse(
+    kind: Kind,
+    message: &BagMessage<'_>,
+    cloud: &mut Cloud,
+    unit: &mut Option<TimeUnit>,
+) -> Result<(), String> {
+    match kind {
+        Kind::CustomMsg => {
+            let message = CustomMsg::parse(message.data).map_err(|cause| cause.to_string())?;
+            cloud.read_custom(&message)
+        }
+        Kind::PointCloud2 | Kind::Imu => {
+            let message = PointCloud2::parse(message.data).map_err(|cause| cause.to_string())?;
+            cloud.read_cloud(&message, unit)
+        }
+    }
+}
+
+/// From the first point to one point after the last.
+fn measured_length(last_ns: i64, points: usize) -> i64 {
+    last_ns + last_ns / (points as i64 - 1).max(1)
+}
+
+/// The time to the next cloud; the length of the clouds before where one is missing between, or none follows.
+fn assumed_length(to_next: Option<i64>, before: i64) -> i64 {
+    to_next.filter(|spacing| *spacing <= before + before / 2).unwrap_or(before)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scan_ends_one_point_after_its_last() {
+        assert_eq!(measured_length(99_990_000, 10_000), 100_000_000);
+        assert_eq!(measured_length(0, 1), 0);
+        assert_eq!(measured_length(0, 0), 0);
+    }
+
+    #[test]
+    fn a_missing_cloud_does_not_stretch_the_one_before() {
+        assert_eq!(assumed_length(Some(100), 100), 100);
+        assert_eq!(assumed_length(Some(200), 100), 100);
+        assert_eq!(assumed_length(Some(50), 100), 50);
+        assert_eq!(assumed_length(None, 50), 50);
+    }
+}

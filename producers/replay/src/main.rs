@@ -1,0 +1,7 @@
+//! The replay as a process of its own.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    evac_stage::source_main::<evac_replay::Replay>(std::env::args_os())
+}

@@ -1,0 +1,108 @@
+//! Joins scans and IMU samples in the order of time.
+
+use evac_frames::{ImuSample, Point, ScanHeader, frame_flags};
+use evac_stage::{Rig, SensorEvent, Source, StageConfig, StageError};
+
+use crate::streams::{Recording, SECOND};
+use crate::{Config, bag, capture};
+
+/// IMU samples from longer before the first scan than this are of no use to anyone and left out.
+const IMU_LEAD: i64 = SECOND;
+
+/// A recording as a [`Source`].
+pub struct Replay {
+    recording: Recording,
+    /// The next scan and its points; its end decides which IMU samples go before it.
+    scan: Option<ScanHeader>,
+    points: Vec<Point>,
+    /// The next IMU sample.
+    sample: Option<ImuSample>,
+    /// Time of the last IMU sample that went out.
+    imu_until: i64,
+    /// End of the last scan, once it has gone out.
+    ended: Option<i64>,
+    /// The announced scan's points are still being asked for; the next one is read when they have been.
+    announced: bool,
+}
+
+impl Source for Replay {
+    const NAME: &'static str = "replay";
+    type Config = Config;
+
+    fn new(config: Config, _rig: &Rig) -> Result<Self, StageError> {
+        config.check().map_err(StageError::Config)?;
+        let recording = if config.bag.is_some() { bag::open(&config)? } else { capture::open(&config)? };
+        let mut replay = Self {
+            recording,
+            scan: None,
+            points: Vec::new(),
+            sample: None,
+            imu_until: i64::MIN,
+            ended: None,
+            announced: false,
+        };
+        replay.read_scan()?;
+        let start = replay.scan.map_or(i64::MIN, |scan| scan.frame.start_ns);
+        replay.read_sample()?;
+        while replay.sample.is_some_and(|sample| sample.stamp_ns < start.saturating_sub(IMU_LEAD)) {
+            replay.read_sample()?;
+        }
+        Ok(replay)
+    }
+
+    fn next_event(&mut self) -> Result<Option<SensorEvent>, StageError> {
+        if std::mem::take(&mut self.announced) {
+            self.read_scan()?;
+        }
+        if let Some(end) = self.ended {
+            // One sample from after the last scan's end, so that the IMU covers it.
+            let sample = self.sample.filter(|_| self.imu_until < end);
+            return match sample {
+                Some(sample) => self.send(sample).map(Some),
+                None => Ok(None),
+            };
+        }
+        match (self.sample, self.scan) {
+            (Some(sample), Some(scan)) if sample.stamp_ns <= scan.frame.end_ns => self.send(sample).map(Some),
+            (_, Some(scan)) => {
+                self.announced = true;
+                if scan.frame.flags & frame_flags::END_OF_STREAM != 0 {
+                    self.ended = Some(scan.frame.end_ns);
+                }
+                Ok(Some(SensorEvent::Scan(scan)))
+            }
+            (_, None) => Ok(None),
+        }
+    }
+
+    fn point(&mut self, index: usize) -> Point {
+        self.points.get(index).copied().unwrap_or_default()
+    }
+
+    fn total_scans(&self) -> Option<u64> {
+        Some(self.recording.scans.total())
+    }
+}
+
+impl Replay {
+    fn send(&mut self, sample: ImuSample) -> Result<SensorEvent, StageError> {
+        self.imu_until = sample.stamp_ns;
+        self.read_sample()?;
+        Ok(SensorEvent::Imu(sample))
+    }
+
+    fn read_scan(&mut self) -> Result<(), StageError> {
+        self.scan = self.recording.scans.next_scan(&mut self.points).map_err(file)?;
+        Ok(())
+    }
+
+    fn read_sample(&mut self) -> Result<(), StageError> {
+        self.sample = self.recording.imu.next_sample().map_err(file)?;
+        Ok(())
+    }
+}
+
+/// A reader's error as a stage's.
+pub(crate) fn file(error: evac_formats::FormatError) -> StageError {
+    StageError::File(error.to_string())
+}
