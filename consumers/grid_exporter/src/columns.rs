@@ -218,14 +218,13 @@ mod tests {
         assert_eq!(columns.apply(&voxel(1049, 0, 0, 1.0, voxel_flags::KNOWN)), Ok(()));
         assert_eq!(columns.apply(&voxel(1050, 0, 0, 1.0, voxel_flags::KNOWN)), Err(Refused));
         assert_eq!(columns.apply(&voxel(1000, 0, 0, f32::NAN, voxel_flags::KNOWN)), Err(Refused));
-        let taken = (-300..300)
-            .filter(|chunk| columns.apply(&voxel(1000, 0, chunk * 64, 1.0, voxel_flags::KNOWN)).is_ok());
-        assert!(taken.count() < 300 + 300);
-        assert!((-500..500).any(|chunk| columns.apply(&voxel(1001, 0, chunk * 64, 1.0, 2)).is_ok()));
-        assert_eq!(
-            columns.apply(&voxel(960, 20, 0, 1.0, voxel_flags::KNOWN)).is_ok(),
-            columns.layers < columns.max_layers
-        );
+        // A layer takes 1.5 KiB: more than 600 and less than 700 fit one MiB.
+        let taken = (-50..50).flat_map(|x| (-10..10).map(move |chunk| (x, chunk))).filter(|(x, chunk)| {
+            columns.apply(&voxel(1000 + x, 8 * x.rem_euclid(5), chunk * 64, 1.0, voxel_flags::KNOWN)).is_ok()
+        });
+        assert!(taken.count() < 2000);
+        assert_eq!(columns.layers, columns.max_layers);
+        assert!((600..700).contains(&columns.layers));
     }
 
     proptest! {

@@ -39,7 +39,7 @@ pub struct GridExporterConfig {
     /// Longest side of the plan in cells around the first position; what lies beyond is dropped and counted. 8192 cells
     /// are 819 m at 0.1 m, and 64 MiB on `grid/plan`.
     pub max_side_cells: u32,
-    /// Ceiling of the memory for voxel columns, MiB; what does not fit is dropped and counted. One MiB holds 640 blocks
+    /// Ceiling of the memory for voxel columns, MiB; what does not fit is dropped and counted. One MiB holds 679 blocks
     /// of 8 x 8 columns x 64 voxels, so that 512 MiB suffice for 20,000 square metres at 0.1 m many times over.
     pub max_memory_mib: u32,
 }

@@ -36,7 +36,7 @@ const OVERLAP_NS: i64 = 5_000_000;
 /// A sensor clock that goes back by more has been started anew.
 const CLOCK_RESTART_NS: i64 = 1_000_000_000;
 /// Time constant with which gravity follows the mean specific force while no pose corrects it, seconds: long against a
-/// step, short against the drift of an unknown gyroscope bias (0.3 deg/s tilt by 3 degrees in it).
+/// step, short against the tilt that a gyroscope bias makes (3 degrees in it at 0.3 deg/s).
 const LEVELLING_S: f64 = 10.0;
 /// A frame is 100 ms; one this long is a broken header.
 const LONGEST_FRAME_NS: i64 = 10_000_000_000;
@@ -59,12 +59,15 @@ impl Motion {
     /// `None` where the IMU does not cover it.
     pub(crate) fn follow(&mut self, input: &ScanWithImu<'_>) -> Option<&ImuIntegrator> {
         let frame = &input.header.frame;
+        if !is_sound(frame) {
+            return None;
+        }
         if self.last_end_ns.is_some_and(|last| frame.end_ns < last.saturating_sub(CLOCK_RESTART_NS)) {
             self.restart();
         }
         self.last_end_ns = Some(frame.end_ns);
         self.take_samples(input.imu, frame);
-        if !input.imu_covers || !is_sound(frame) {
+        if !input.imu_covers {
             return None;
         }
         let prior = input.prior.filter(|_| self.config.use_prior).and_then(|pose| self.state_of(pose, frame));
@@ -89,11 +92,11 @@ impl Motion {
     }
 
     fn take_samples(&mut self, samples: &[ImuSample], frame: &FrameHeader) {
-        let oldest_ns = frame.start_ns.saturating_sub(self.max_prior_age_ns() + MAX_OFFSET_NS);
+        let oldest_ns = frame.start_ns - self.max_prior_age_ns() - MAX_OFFSET_NS;
         // One sample before the oldest time that may be asked for stays, to interpolate.
         let stale = self.history.partition_point(|sample| sample.stamp_ns < oldest_ns).saturating_sub(1);
         self.history.drain(..stale);
-        let latest_ns = frame.end_ns.saturating_add(CLOCK_RESTART_NS);
+        let latest_ns = frame.end_ns + MAX_OFFSET_NS;
         for sample in samples {
             let is_new = self.history.last().is_none_or(|last| sample.stamp_ns > last.stamp_ns);
             // A stamp far in the future is a fault that would shut out all that follows.
@@ -131,7 +134,7 @@ impl Motion {
             && Vector3::from(pose.gyro_bias).norm() < 1.0
             && state.accel_bias.norm() < 5.0
             && (state.gravity.norm() - STANDARD_GRAVITY).abs() < 1.0
-            && state.time_offset_ns.abs() <= MAX_OFFSET_NS;
+            && state.time_offset_ns.unsigned_abs() <= MAX_OFFSET_NS.unsigned_abs();
         (tracks && plausible && self.is_recent(state.time_ns, frame)).then_some(state)
     }
 

@@ -5,6 +5,7 @@ mod bounds;
 mod check;
 mod cloud;
 mod config;
+mod filter_config;
 mod ground;
 mod key_frame;
 mod mapper;
@@ -13,9 +14,8 @@ mod outliers;
 mod synthetic;
 
 pub use cloud::{CloudMap, map_of_cloud, remove_ground};
-pub use config::{
-    BoundsConfig, GroundConfig, KeyFrameConfig, OccupancyConfig, OctreeMapperConfig, OutlierConfig,
-};
+pub use config::{KeyFrameConfig, OccupancyConfig, OctreeMapperConfig};
+pub use filter_config::{BoundsConfig, GroundConfig, OutlierConfig};
 pub use ground::GroundFilter;
 pub use key_frame::KeyFrames;
 pub use mapper::OctreeMapper;

@@ -1,7 +1,5 @@
 //! Whole clouds: what `evac convert` does.
 
-use std::collections::BTreeSet;
-
 use evac_octree::{MapConfig, Occupancy, SensorModel};
 use evac_octree_mapper::{GroundConfig, map_of_cloud, remove_ground};
 
@@ -61,15 +59,12 @@ fn points_without_numbers_stay_for_the_caller_to_count() {
 /// 0.087, with their undersides at 4.0 and the ceiling at 10.8.
 #[test]
 fn all_levels_of_the_station_go_and_its_ceilings_and_walls_stay() {
-    let Some(folder) = evac_testkit::data("simulated/station") else { return };
-    let Some(path) = [folder.join("station.pcd"), std::env::temp_dir().join("station.pcd")]
-        .into_iter()
-        .find(|p| p.exists())
-    else {
-        println!("skipped: station.pcd is not unpacked (xz -dk station.pcd.xz)");
+    let Some(path) = evac_testkit::data("simulated/station/station.pcd.xz") else { return };
+    let Ok(unpacked) = std::process::Command::new("xz").arg("-dc").arg(path).output() else {
+        println!("skipped: the command xz is not installed, which unpacks the station cloud");
         return;
     };
-    let bytes = std::fs::read(path).unwrap();
+    let bytes = unpacked.stdout;
     let start = bytes.windows(12).position(|part| part == b"DATA binary\n").unwrap() + 12;
     let mut points: Vec<[f32; 3]> = bytes[start..]
         .chunks_exact(12)
@@ -85,6 +80,4 @@ fn all_levels_of_the_station_go_and_its_ceilings_and_walls_stay() {
         assert!((after[level] as f64) < 0.04 * before[level] as f64, "floor {level}: {} left", after[level]);
     }
     assert_eq!(after[3..], before[3..], "underside and ceiling");
-    let voxels: BTreeSet<[i32; 3]> = points.iter().map(|p| p.map(|x| (x / 0.4).floor() as i32)).collect();
-    assert!(voxels.len() > 100_000, "{}", voxels.len());
 }

@@ -42,7 +42,7 @@ fn main(){
     for (h,p) in &sc { let a=im.partition_point(|s|s.stamp_ns<=prev).saturating_sub(1); let b=(im.partition_point(|s|s.stamp_ns<h.frame.end_ns)+1).min(im.len());
       let t=std::time::Instant::now();
       lio.process(ScanWithImu{header:h,points:p,imu:&im[a..b],imu_covers:true,prior:None},&mut out,&mut c).unwrap(); ms.push(t.elapsed().as_secs_f64()*1e3); prev=h.frame.end_ns;
-      if args.iter().any(|a|a=="v") { let q=out.memory.last().unwrap(); println!("{} {:.3?} v {:.2?} bg {:.4?} ba {:.3?} q {:.2} deg {} st {} nis {:.3} sd {:.4}",h.frame.seq,q.position,q.velocity,q.gyro_bias,q.accel_bias,q.quality,q.degenerate,q.state,lio.diagnostics().nis,(q.covariance[0]+q.covariance[7]+q.covariance[14]).sqrt()); }
+      if args.iter().any(|a|a=="v") { let q=out.memory.last().unwrap(); println!("{} {:.3?} td {:.2} v {:.2?} bg {:.4?} ba {:.3?} q {:.2} deg {} st {} nis {:.3} sd {:.4}",h.frame.seq,q.position,q.time_offset_ns as f64*1e-6,q.velocity,q.gyro_bias,q.accel_bias,q.quality,q.degenerate,q.state,lio.diagnostics().nis,(q.covariance[0]+q.covariance[7]+q.covariance[14]).sqrt()); }
     }
     let gt:Vec<[f64;8]>=std::fs::read_to_string(format!("/work/shared/data/simulated/{w}/gt.tum")).unwrap().lines().map(|l|{let v:Vec<f64>=l.split_whitespace().map(|x|x.parse().unwrap()).collect(); v.try_into().unwrap()}).collect();
     eval(w,&gt,&out.memory,&mut ms,lio.diagnostics());

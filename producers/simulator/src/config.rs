@@ -56,7 +56,8 @@ pub struct Config {
     pub accel_bias_m_s2: f64,
     /// The real device's automatic zeroing: the gyroscope reads exactly zero at rest and hides slow starts.
     pub auto_zero: bool,
-    /// Rates below this after a standstill are hidden by `auto_zero`, degrees/s (five real logs: 0.5 to 1).
+    /// Rates below this after a standstill are hidden by `auto_zero`, degrees/s (five real logs: 0.5 to 1); compared with
+    /// what the sensor reads, so it must lie above noise and residual bias for zeros to appear.
     pub auto_zero_threshold_dps: f64,
     /// Share of the gyroscope bias that the firmware's zeroing leaves in the data of a motion.
     pub auto_zero_residual: f64,

@@ -59,8 +59,8 @@ impl KeySpace {
     #[inline]
     fn axis_key(&self, coordinate: f32) -> Option<u16> {
         let key = (self.voxels_per_metre * f64::from(coordinate)).floor() + OFFSET;
-        // NaN fails both comparisons.
-        (key >= 0.0 && key < 2.0 * OFFSET).then_some(key as u16)
+        // NaN is in no range.
+        (0.0..2.0 * OFFSET).contains(&key).then_some(key as u16)
     }
 }
 

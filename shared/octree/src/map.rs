@@ -32,8 +32,6 @@ pub struct OctreeMap {
     pub(crate) sensor: SensorModel,
     pub(crate) bricks: Bricks,
     pub(crate) marks: ScanMarks,
-    /// One ray, where it must be walked backwards.
-    pub(crate) ray: Vec<u64>,
     /// Voxels with a log-odds value.
     pub(crate) known: usize,
     /// Voxels with a value or a flag.
@@ -61,7 +59,6 @@ impl OctreeMap {
             sensor,
             bricks: Bricks::new(max_bricks),
             marks: ScanMarks::new(max_bricks),
-            ray: Vec::new(),
             known: 0,
             listed: 0,
             changed: 0,

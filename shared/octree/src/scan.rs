@@ -28,8 +28,7 @@ pub struct ScanOptions {
     /// Casts one ray to the centre of each voxel with points, not one to each point. As OctoMap's `discretize`: faster,
     /// and slightly different.
     pub discretize: bool,
-    /// Only voxels in this box change. As in OctoMap, only points in the box and within `max_range` count at all then,
-    /// and a ray clears from its end backwards until it leaves the box.
+    /// Only voxels in this box, borders included, change. As OctoMap's `useBBXLimit` with the origin in the box.
     pub bounds: Option<Bounds>,
 }
 
@@ -49,10 +48,8 @@ pub struct ScanReport {
     pub hits: u32,
     /// Ground points that cleared and flagged a voxel.
     pub ground: u32,
-    /// Points that only cleared their ray: misses, and points beyond the range.
+    /// Points that only cleared their ray: misses, and points beyond the range or outside the box.
     pub cleared: u32,
-    /// Points that did nothing because they are not in [`ScanOptions::bounds`] or, with bounds, beyond the range.
-    pub out_of_bounds: u32,
     /// Points dropped because they, or the origin, are NaN or infinite.
     pub not_finite: u32,
     /// Points dropped because they, or the origin, are beyond the key space.
@@ -89,7 +86,6 @@ impl OctreeMap {
                 options: *options,
                 bounds,
                 marks: &mut self.marks,
-                ray: &mut self.ray,
                 report: &mut report,
             };
             caster.cast_all(scan);
@@ -119,7 +115,6 @@ struct Caster<'a> {
     options: ScanOptions,
     bounds: Option<KeyBounds>,
     marks: &'a mut ScanMarks,
-    ray: &'a mut Vec<u64>,
     report: &'a mut ScanReport,
 }
 
@@ -153,39 +148,30 @@ impl Caster<'_> {
             }
         }
         let (direction, length) = direction_and_length(self.origin, point);
-        let in_range = self.options.max_range.is_none_or(|range| length <= range);
-        match &self.bounds {
-            None if in_range => self.cast_to(point, end),
-            None => {
-                let range = self.options.max_range.unwrap_or(length) as f32;
-                let cut: [f32; 3] = std::array::from_fn(|axis| self.origin[axis] + direction[axis] * range);
-                self.cast_to(cut, End::Nothing);
-            }
-            Some(bounds) if in_range && bounds.hold_point(point) => self.cast_in_bounds(point, end),
-            Some(_) => self.report.out_of_bounds += 1,
+        if let Some(range) = self.options.max_range.filter(|&range| length > range) {
+            let cut = std::array::from_fn(|axis| self.origin[axis] + direction[axis] * range as f32);
+            self.cast_to(cut, End::Nothing);
+        } else if self.bounds.is_none_or(|bounds| bounds.hold_point(point)) {
+            self.cast_to(point, end);
+        } else {
+            self.cast_to(point, End::Nothing);
         }
     }
 
     fn cast_to(&mut self, point: [f32; 3], end: End) {
         let marks = &mut *self.marks;
-        match trace(&self.space, self.origin, point, |code| marks.mark_free(code)) {
+        let traced = match &self.bounds {
+            None => trace(&self.space, self.origin, point, |code| marks.mark_free(code)),
+            Some(bounds) => trace(&self.space, self.origin, point, |code| {
+                if bounds.hold_key(morton::decode(code)) {
+                    marks.mark_free(code);
+                }
+            }),
+        };
+        match traced {
             Some(last) => self.finish(last, end),
             None => self.report.outside += 1,
         }
-    }
-
-    fn cast_in_bounds(&mut self, point: [f32; 3], end: End) {
-        let Some(bounds) = self.bounds else { return };
-        let ray = &mut *self.ray;
-        ray.clear();
-        let Some(last) = trace(&self.space, self.origin, point, |code| ray.push(code)) else {
-            self.report.outside += 1;
-            return;
-        };
-        for &code in ray.iter().rev().take_while(|&&code| bounds.hold_key(morton::decode(code))) {
-            self.marks.mark_free(code);
-        }
-        self.finish(last, end);
     }
 
     fn finish(&mut self, last: u64, end: End) {

@@ -35,7 +35,7 @@ pub(super) fn legend_rows(dot: i64, width: i64) -> Vec<Vec<Entry>> {
     let mut rows: Vec<Vec<Entry>> = vec![Vec::new()];
     let mut left = 0;
     for (sign, text) in LEGEND {
-        let entry_width = (SIGN + 4) * dot + text_width(text, dot);
+        let entry_width = (SIGN + 6) * dot + text_width(text, dot);
         if left + entry_width > width {
             rows.push(Vec::new());
             left = 0;
@@ -43,7 +43,7 @@ pub(super) fn legend_rows(dot: i64, width: i64) -> Vec<Vec<Entry>> {
         if let Some(row) = rows.last_mut() {
             row.push((left, sign, text));
         }
-        left += entry_width + 14 * dot;
+        left += entry_width + 16 * dot;
     }
     rows
 }
@@ -60,7 +60,7 @@ pub(super) fn legend(canvas: &mut Canvas, rows: &[Vec<Entry>], left: i64, top: i
                 dot,
             );
             let text_top = top + 7 * dot - text_height(dot) / 2;
-            canvas.text(x + (SIGN + 4) * dot, text_top, dot, INK, text);
+            canvas.text(x + (SIGN + 6) * dot, text_top, dot, INK, text);
         }
     }
 }
@@ -91,7 +91,7 @@ fn draw_sign(canvas: &mut Canvas, sign: Sign, frame: Frame, dot: i64) {
 /// Four fields, dark and light in turn, with metres at both ends and in the middle.
 pub(super) fn scale_bar(canvas: &mut Canvas, view: &MapView<'_>, left: i64, top: i64) {
     let dot = view.dot;
-    let length = view.round_length(70.0 * dot as f64);
+    let length = view.round_length(110.0 * dot as f64);
     let at = |share: f64| left + (length * share * view.metre()).round() as i64;
     let bar = Frame { left, top: top + 12 * dot, right: at(1.0), bottom: top + 16 * dot };
     for (field, share) in [0.0, 0.25, 0.5, 0.75].into_iter().enumerate() {

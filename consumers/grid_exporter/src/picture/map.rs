@@ -135,8 +135,8 @@ impl MapView<'_> {
 /// A large disc, so that an end at the same place leaves its rim visible.
 pub(super) fn start_marker(canvas: &mut Canvas, at: [f64; 2], dot: i64) {
     let dot = dot as f64;
-    canvas.disc(at, 7.5 * dot, PAPER);
-    canvas.disc(at, 6.5 * dot, START);
+    canvas.disc(at, 8.5 * dot, PAPER);
+    canvas.disc(at, 7.5 * dot, START);
 }
 
 /// A square.
@@ -145,8 +145,8 @@ pub(super) fn end_marker(canvas: &mut Canvas, [x, y]: [f64; 2], dot: i64) {
         let (x, y) = (x.floor() as i64, y.floor() as i64);
         Frame { left: x - half, top: y - half, right: x + half, bottom: y + half }
     };
-    canvas.fill(square(4 * dot), PAPER);
-    canvas.fill(square(3 * dot), END);
+    canvas.fill(square(5 * dot), PAPER);
+    canvas.fill(square(4 * dot), END);
 }
 
 /// Colour of a cell at a pixel.

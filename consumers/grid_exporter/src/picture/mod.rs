@@ -30,7 +30,7 @@ const MIN_WIDTH: i64 = 900;
 /// The map's longer side is drawn at least this long where that needs no more than [`MAX_SCALE`] pixels a cell.
 const MAP_TARGET: u32 = 1100;
 /// The map's longest side, so that the picture stays under 4000 pixels.
-const MAP_LIMIT: u32 = 3500;
+const MAP_LIMIT: u32 = 3300;
 /// Most pixels a cell.
 const MAX_SCALE: u32 = 24;
 
@@ -76,7 +76,7 @@ fn subtitle(grid: &OccupancyGrid, path: &Path, [low, high]: [f64; 2], dot: i64, 
     let free = grid.cells.iter().filter(|cell| **cell == FREE).count() as f64 * resolution * resolution;
     let parts = [
         format!("{:.1} x {:.1} m", f64::from(grid.width) * resolution, f64::from(grid.height) * resolution),
-        format!("1 cell = {resolution:.2} m"),
+        format!("cells of {resolution:.2} m"),
         format!("{free:.0} m² seen free"),
         format!("{:.0} m walked", path.length()),
         format!("obstacles {low:.1} - {high:.1} m above ground"),
@@ -136,7 +136,7 @@ mod tests {
             assert!(count(&image) > count(&without), "beside the one in the legend");
         }
         let first = |colour| (0..i64::from(image.width())).find(|x| column(&image, *x, colour));
-        assert!(first(PATH_FIRST) < first(PATH_LAST));
+        assert!(first(START).unwrap() < first(END).unwrap());
     }
 
     fn pixels(image: &RgbImage) -> impl Iterator<Item = Colour> {

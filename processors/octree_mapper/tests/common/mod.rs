@@ -6,13 +6,13 @@ use evac_geometry::set_map_from_lidar;
 use evac_octree_mapper::OctreeMapper;
 use evac_stage::{Counters, MapOutput, ScanWithPose, Stage};
 
-pub const FLOOR: f64 = -1.1;
+pub(crate) const FLOOR: f64 = -1.1;
 const LOW: [f64; 3] = [-3.0, -1.5, FLOOR];
 const HIGH: [f64; 3] = [15.0, 1.5, 1.5];
 const RAYS: usize = 10_000;
 
 /// One frame: 38.4 degree cone, 2 cm range noise, `seq` turns the pattern and seeds the noise.
-pub fn scan(seq: u64, map_from_lidar: &Isometry3<f64>) -> (ScanHeader, Vec<Point>, PoseFrame) {
+pub(crate) fn scan(seq: u64, map_from_lidar: &Isometry3<f64>) -> (ScanHeader, Vec<Point>, PoseFrame) {
     let frame = FrameHeader {
         seq,
         start_ns: seq as i64 * 100_000_000,
@@ -63,12 +63,12 @@ fn gauss(random: &mut u64) -> f64 {
 }
 
 /// A pose `x` metres down the corridor, turned by `yaw_deg`.
-pub fn pose(x: f64, yaw_deg: f64) -> Isometry3<f64> {
+pub(crate) fn pose(x: f64, yaw_deg: f64) -> Isometry3<f64> {
     Isometry3::new(Vector3::x() * x, Vector3::z() * yaw_deg.to_radians())
 }
 
 /// Gives one scan to the mapper.
-pub fn feed(
+pub(crate) fn feed(
     mapper: &mut OctreeMapper,
     (header, points, pose): &(ScanHeader, Vec<Point>, PoseFrame),
     output: &mut MapOutput,

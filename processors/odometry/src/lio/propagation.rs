@@ -76,7 +76,7 @@ pub(crate) fn propagate(
             return;
         }
         if trace.len() < trace.capacity() {
-            let rate = if a.held { Vector3::zeros() } else { a.gyro - state.gyro_bias };
+            let rate = if a.held { Vector3::zeros() } else { state.rate_of(&a.gyro) };
             trace.push(TracePoint { stamp_ns: a.stamp_ns, state: *state, rate });
         }
         step(state, covariance, a, b, h, noise);
@@ -135,7 +135,7 @@ fn idle(state: &State, rate: &Vector3<f64>, from_ns: i64, to_ns: i64) -> (Readin
 /// One trapezoid step of `h` seconds between two readings.
 fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading, h: f64, noise: &Noise) {
     let held = a.held && b.held;
-    let rate = if held { Vector3::zeros() } else { (a.gyro + b.gyro) / 2.0 - state.gyro_bias };
+    let rate = if held { Vector3::zeros() } else { state.rate_of(&((a.gyro + b.gyro) / 2.0)) };
     let turn = exp_so3(&(rate * h));
     let rotation = state.rotation;
     let mut next = rotation * turn;
@@ -152,6 +152,7 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     set(at::ROTATION, at::ROTATION, turn.inverse().to_rotation_matrix().matrix());
     if !held {
         set(at::ROTATION, at::GYRO_BIAS, &-identity_h);
+        set(at::ROTATION, at::GYRO_SCALE, &Matrix3::from_diagonal(&(rate * -h)));
     }
     let velocity_by_rotation = -(r.matrix() * skew(&((force_a + force_b) / 2.0))) * h;
     let velocity_by_bias = -r.matrix() * h;

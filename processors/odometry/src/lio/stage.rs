@@ -196,6 +196,7 @@ impl Lio {
             frame: 0,
         };
         filter.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = (self.config.time_offset_sigma_ms * 1e-3).powi(2);
+        add_variance(&mut filter.covariance, at::GYRO_SCALE, self.config.gyro_scale_sigma.powi(2));
         let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
         for point in &self.still {
             self.map.insert(&(map_from_lidar * Point3::from(point.cast::<f64>())).coords);

@@ -4,7 +4,7 @@ use evac_geometry::{STANDARD_GRAVITY, exp_so3};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 /// Dimension of the error state.
-pub(crate) const DIM: usize = 19;
+pub(crate) const DIM: usize = 22;
 /// The measured part comes first: rotation, position, time offset.
 pub(crate) const MEASURED: usize = 7;
 
@@ -17,6 +17,7 @@ pub(crate) mod at {
     pub(crate) const GYRO_BIAS: usize = 10;
     pub(crate) const ACCEL_BIAS: usize = 13;
     pub(crate) const GRAVITY: usize = 16;
+    pub(crate) const GYRO_SCALE: usize = 19;
 }
 
 /// Error of the state.
@@ -39,6 +40,8 @@ pub(crate) struct State {
     pub(crate) accel_bias: Vector3<f64>,
     /// Gravity in the map frame; its norm is standard gravity.
     pub(crate) gravity: Vector3<f64>,
+    /// Error of the gyroscope's scale per axis: a true rate `w` reads `(1 + scale) w + bias`.
+    pub(crate) gyro_scale: Vector3<f64>,
     /// Seconds to add to an IMU stamp to get LiDAR time.
     pub(crate) time_offset_s: f64,
 }
@@ -57,8 +60,15 @@ impl State {
             gyro_bias: self.gyro_bias + part(at::GYRO_BIAS),
             accel_bias: self.accel_bias + part(at::ACCEL_BIAS),
             gravity: gravity * (STANDARD_GRAVITY / gravity.norm()),
+            gyro_scale: self.gyro_scale + part(at::GYRO_SCALE),
             time_offset_s: self.time_offset_s + d[at::TIME_OFFSET],
         }
+    }
+
+    /// True angular velocity behind a gyroscope reading, to first order in the scale error.
+    pub(crate) fn rate_of(&self, gyro: &Vector3<f64>) -> Vector3<f64> {
+        let biased = gyro - self.gyro_bias;
+        biased - self.gyro_scale.component_mul(&biased)
     }
 
     /// Pose of the IMU.
@@ -69,7 +79,7 @@ impl State {
     /// Whether every number is finite.
     pub(crate) fn is_finite(&self) -> bool {
         self.rotation.coords.iter().all(|x| x.is_finite())
-            && [self.position, self.velocity, self.gyro_bias, self.accel_bias, self.gravity]
+            && [self.position, self.velocity, self.gyro_bias, self.accel_bias, self.gravity, self.gyro_scale]
                 .iter()
                 .all(|v| v.iter().all(|x| x.is_finite()))
             && self.time_offset_s.is_finite()

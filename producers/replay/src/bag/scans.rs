@@ -14,8 +14,7 @@ use crate::streams::{SECOND, ScanStream, seconds};
 /// Clouds whose spacing tells how long clouds without times last.
 const SPACED_CLOUDS: usize = 10;
 
-/// One message is one scan. It begins at its time base (`CustomMsg`) or stamp (`PointCloud2`) and ends one point after
-/// its last point. A cloud without times is spread over the time to the next one.
+/// One message is one scan. It begins at its time base (`CustomMsg`) or stamp (`PointCloud2`). A cloud without times is spread over the time to the next one.
 pub(super) struct BagScans {
     messages: Messages,
     /// The next scan; the one after it is read before it goes out, to know whether it is the last.
@@ -23,7 +22,7 @@ pub(super) struct BagScans {
     /// Its buffer when there is none ahead.
     spare: Cloud,
     first_ns: i64,
-    /// Length of the last scan, for a cloud without times at the end.
+    /// Length of the scan before, for the last one.
     length_ns: i64,
     total: u64,
 }
@@ -70,7 +69,10 @@ impl ScanStream for BagScans {
             ..ScanHeader::default()
         };
         let length = match cloud.last_ns {
-            Some(last) => measured_length(last, cloud.points.len()),
+            Some(last) => {
+                let to_next = next_start.map_or(self.length_ns, |next| next - cloud.start_ns);
+                measured_length(last, cloud.points.len(), to_next)
+            }
             None => {
                 header.scan_flags |= scan_flags::TIMES_ASSUMED;
                 let length = assumed_length(next_start.map(|next| next - cloud.start_ns), self.length_ns);
@@ -165,9 +167,11 @@ fn parse(
     }
 }
 
-/// From the first point to one point after the last.
-fn measured_length(last_ns: i64, points: usize) -> i64 {
-    last_ns + last_ns / (points as i64 - 1).max(1)
+/// From the first point to one point after the last; or to the next scan where that is about the same, since a recorder
+/// that leaves out shots without return moves the last point.
+fn measured_length(last_ns: i64, points: usize, to_next: i64) -> i64 {
+    let length = last_ns + last_ns / (points as i64 - 1).max(1);
+    if to_next >= last_ns && (to_next - length).abs() <= length / 20 { to_next } else { length }
 }
 
 /// The time to the next cloud; the length of the clouds before where one is missing between, or none follows.
@@ -180,10 +184,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_scan_ends_one_point_after_its_last() {
-        assert_eq!(measured_length(99_990_000, 10_000), 100_000_000);
-        assert_eq!(measured_length(0, 1), 0);
-        assert_eq!(measured_length(0, 0), 0);
+    fn a_scan_ends_one_point_after_its_last_or_where_the_next_begins() {
+        assert_eq!(measured_length(99_990_000, 10_000, 200_000_000), 100_000_000);
+        assert_eq!(measured_length(99_900_000, 9_000, 100_000_000), 100_000_000);
+        assert_eq!(measured_length(99_990_000, 10_000, 99_000_000), 100_000_000);
+        assert_eq!(measured_length(0, 1, 100_000_000), 0);
+        assert_eq!(measured_length(0, 0, 100_000_000), 0);
     }
 
     #[test]

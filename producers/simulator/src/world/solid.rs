@@ -110,6 +110,10 @@ impl Solid {
     /// Distance along the ray to where it enters the box; `None` where it misses or starts inside.
     #[inline]
     pub(super) fn hit(&self, ray: &Ray) -> Option<f64> {
+        if self.sin == 0.0 {
+            let bounds = Bounds { min: self.centre - self.half, max: self.centre + self.half };
+            return bounds.interval(ray).and_then(|(enter, _)| (enter > 0.0).then_some(enter));
+        }
         let turned = |v: Vector3<f64>| {
             Vector3::new(self.cos * v.x + self.sin * v.y, self.cos * v.y - self.sin * v.x, v.z)
         };

@@ -24,7 +24,7 @@ fn the_walker_keeps_clear_of_walls_and_things() {
                 let place = rig + Vector3::z() * dz;
                 for solid in world.bvh.solids() {
                     let clear = solid.distance(&place);
-                    assert!(clear > 0.25, "{kind:?} at {t:.2} s, {place:?}: {clear} m from {solid:?}");
+                    assert!(clear > 0.2, "{kind:?} at {t:.2} s, {place:?}: {clear} m from {solid:?}");
                 }
             }
         }
@@ -64,5 +64,22 @@ fn every_ray_from_the_route_ends_somewhere_in_the_building() {
             let hit = world.cast(&Ray::new(origin, direction), &[], 60.0);
             assert!(hit.is_some(), "{kind:?}: a ray from {origin:?} along {direction:?} leaves the building");
         }
+    }
+}
+
+#[test]
+fn people_move_and_the_ray_that_met_one_meets_the_floor_a_moment_later() {
+    let (world, _) = walk(WorldKind::Hall);
+    assert!(world.people.len() >= 4);
+    for person in &world.people {
+        let [x, y] = person.at(10.0);
+        let down = Ray::new(Vector3::new(x, y, 2.5), Vector3::new(1e-6, 1e-6, -1.0).normalize());
+        let mut shapes = Vec::new();
+        world.people_at(10.0, &mut shapes);
+        let (range, material) = world.cast(&down, &shapes, 60.0).unwrap();
+        assert!((range - (2.5 - 1.76)).abs() < 1e-6 && material == Material::Cloth, "{range} m");
+        world.people_at(12.0, &mut shapes);
+        let (range, material) = world.cast(&down, &shapes, 60.0).unwrap();
+        assert!((range - 2.5).abs() < 1e-6 && material == Material::Concrete, "{range} m");
     }
 }

@@ -1,0 +1,102 @@
+//! Recordings of the test data, unpacked.
+#![allow(dead_code, reason = "each test file uses a part")]
+
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use evac_frames::{ImuSample, Point, ScanHeader};
+use evac_replay::{Config, Replay};
+use evac_stage::{Rig, SensorEvent, Source};
+
+/// A file of a simulated walk, unpacked once into the build's folder; `None` (and a line) where it cannot be had.
+pub fn unpacked(walk: &str, file: &str) -> Option<PathBuf> {
+    let packed = evac_testkit::data(&format!("simulated/{walk}/{file}.xz"))?;
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("walks").join(walk);
+    let path = folder.join(file);
+    if path.exists() {
+        return Some(path);
+    }
+    fs::create_dir_all(&folder).unwrap();
+    let part = folder.join(format!("{file}.{}.part", std::process::id()));
+    let status = Command::new("xz").arg("-dc").arg(&packed).stdout(File::create(&part).unwrap()).status();
+    if !status.is_ok_and(|status| status.success()) {
+        println!("skipped: no xz to unpack {walk}/{file}");
+        return None;
+    }
+    fs::rename(part, &path).unwrap();
+    Some(path)
+}
+
+/// A simulated walk's capture and byte log.
+pub fn walk(name: &str) -> Option<Config> {
+    Some(Config {
+        lidar: Some(unpacked(name, "lidar.pcap")?),
+        imu: Some(unpacked(name, "wt901c.bin")?),
+        ..Config::default()
+    })
+}
+
+pub fn bag(path: &str) -> Option<Config> {
+    Some(Config { bag: Some(evac_testkit::data(path)?), ..Config::default() })
+}
+
+pub fn open(config: Config) -> Replay {
+    Replay::new(config, &Rig::default()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// What opening or replaying says about a bad recording.
+pub fn error_of(config: Config) -> String {
+    let mut replay = match Replay::new(config, &Rig::default()) {
+        Ok(replay) => replay,
+        Err(error) => return error.to_string(),
+    };
+    loop {
+        match replay.next_event() {
+            Ok(Some(_)) => {}
+            Ok(None) => panic!("the recording was accepted"),
+            Err(error) => return error.to_string(),
+        }
+    }
+}
+
+/// A replay, told.
+#[derive(Default)]
+pub struct Told {
+    pub scans: Vec<ScanHeader>,
+    pub imu: Vec<ImuSample>,
+    pub points: Vec<Point>,
+    pub returns: u64,
+    pub total: Option<u64>,
+}
+
+/// Replays everything, checks the order of events, and keeps the points of the first `keep` scans.
+pub fn tell(config: Config, keep: usize) -> Told {
+    let mut replay = open(config);
+    let mut told = Told { total: replay.total_scans(), ..Told::default() };
+    let mut time = i64::MIN;
+    while let Some(event) = replay.next_event().unwrap() {
+        let at = match event {
+            SensorEvent::Imu(sample) => {
+                told.imu.push(sample);
+                sample.stamp_ns
+            }
+            SensorEvent::Scan(header) => {
+                for index in 0..header.points as usize {
+                    let point = replay.point(index);
+                    assert!(point.is_finite());
+                    told.returns += u64::from(point.is_return());
+                    if told.scans.len() < keep {
+                        told.points.push(point);
+                    }
+                }
+                told.scans.push(header);
+                header.frame.end_ns
+            }
+            SensorEvent::Truth(_) => panic!("a recording knows no truth"),
+        };
+        assert!(at >= time, "events go back from {time} to {at}");
+        time = at;
+    }
+    told
+}
