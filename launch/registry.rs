@@ -3,7 +3,7 @@
 use evac_config::StageEntry;
 use evac_deskewer::Deskewer;
 use evac_grid_exporter::GridExporter;
-//TMP use evac_map_saver::MapSaver;
+use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
 use evac_odometry::Lio;
 use evac_replay::Replay;
@@ -41,7 +41,7 @@ pub(crate) struct Kind {
 }
 
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 6] {
+pub(crate) fn kinds() -> [Kind; 7] {
     [
         source::<Simulator>(),
         source::<Replay>(),
@@ -49,7 +49,7 @@ pub(crate) fn kinds() -> [Kind; 6] {
         stage::<Lio, DeskewedScanWithImu>(Role::Processor),
         stage::<OctreeMapper, ScanPoseJoin>(Role::Processor),
         stage::<GridExporter, PlanJoin>(Role::Consumer),
-        //TMP stage::<MapSaver, SinkJoin>(Role::Consumer),
+        stage::<MapSaver, SinkJoin>(Role::Consumer),
     ]
 }
 

@@ -1,1 +1,203 @@
-//! evac-map-saver
+//! Stage `map_saver`: what remains of a walk.
+//!
+//! It keeps the octree from `map/update`, the poses, and one point for each cell of the deskewed scans, and writes at the
+//! end of the stream, on SIGTERM and at a configured interval of sensor time, each file whole or not at all:
+//!
+//! - `map.ot`, `map.bt`: the mapper's octree as OctoMap's files;
+//! - `trajectory.tum`: the LiDAR's pose in the map frame at each frame's end, sensor time; `truth.tum` the same from a
+//!   simulator, where one runs;
+//! - `cloud.pcd`: the thinned cloud in the map frame, binary, with intensity.
+//!
+//! The same frames give the same bytes.
+
+mod config;
+mod thinned_cloud;
+
+use std::fs;
+
+use evac_formats::cloud::{CloudPoint, Intensity};
+use evac_formats::tum::TumPose;
+use evac_formats::{FormatError, octomap, pcd, tum};
+use evac_frames::{MapHeader, PoseFrame, TrackingState, frame_flags, map_flags};
+use evac_geometry::map_from_lidar;
+use evac_geometry::nalgebra::Point3;
+use evac_octree::{MapConfig, MapError, OctreeMap, Pruning, SensorModel};
+use evac_stage::{Counters, NoOutput, Rig, SinkInput, Stage, StageConfig, StageError};
+
+pub use config::MapSaverConfig;
+
+use crate::thinned_cloud::{Dropped, ThinnedCloud};
+
+/// How far a quaternion's norm may be from 1.
+const NORM_TOLERANCE: f64 = 1e-3;
+
+/// The stage.
+pub struct MapSaver {
+    config: MapSaverConfig,
+    sensor: SensorModel,
+    map: Option<OctreeMap>,
+    trajectory: Vec<TumPose>,
+    truth: Vec<TumPose>,
+    cloud: ThinnedCloud,
+    saved_ns: Option<i64>,
+    /// Something came after the last saving.
+    unsaved: bool,
+}
+
+impl Stage for MapSaver {
+    const NAME: &'static str = "map_saver";
+    type Config = MapSaverConfig;
+    type Input<'a> = SinkInput<'a>;
+    type Output = NoOutput;
+
+    fn new(config: Self::Config, _rig: &Rig) -> Result<Self, StageError> {
+        config.check().map_err(StageError::Config)?;
+        fs::create_dir_all(&config.output_dir)
+            .map_err(|cause| file_error(FormatError::writing(&config.output_dir, cause)))?;
+        let p = config.occupied_probability;
+        let sensor = SensorModel { occupied: (p / (1.0 - p)).ln() as f32, ..SensorModel::default() };
+        Ok(Self {
+            sensor,
+            map: None,
+            trajectory: Vec::new(),
+            truth: Vec::new(),
+            cloud: ThinnedCloud::new(config.cloud_voxel_m, config.max_cloud_points),
+            saved_ns: None,
+            unsaved: false,
+            config,
+        })
+    }
+
+    fn process(
+        &mut self,
+        input: SinkInput<'_>,
+        _output: &mut NoOutput,
+        counters: &mut Counters,
+    ) -> Result<(), StageError> {
+        self.add_voxels(&input, counters)?;
+        self.add_points(&input, counters);
+        self.add_poses(&input, counters);
+        self.unsaved = true;
+
+        let frame = &input.map.header.frame;
+        if frame.flags & frame_flags::END_OF_STREAM != 0 || self.is_due(frame.end_ns) {
+            self.save()?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), StageError> {
+        if self.unsaved { self.save() } else { Ok(()) }
+    }
+}
+
+impl MapSaver {
+    fn add_voxels(&mut self, input: &SinkInput<'_>, counters: &mut Counters) -> Result<(), StageError> {
+        let header = input.map.header;
+        let map = match &mut self.map {
+            Some(map) if header.map_flags & map_flags::SNAPSHOT == 0 => map,
+            other => other.insert(new_map(header, self.sensor, self.config.max_bricks)?),
+        };
+        if map.space().resolution() != header.resolution {
+            // Updates of another resolution belong to a map whose beginning is not known here.
+            counters.degraded += 1;
+            return Ok(());
+        }
+        let refused = input.map.voxels.iter().filter(|voxel| map.apply(voxel).is_err()).count();
+        counters.rejected += refused as u64;
+        Ok(())
+    }
+
+    /// Scans of an odometry that still looks for gravity have no pose yet, and those of a lost one a wrong pose.
+    fn add_points(&mut self, input: &SinkInput<'_>, counters: &mut Counters) {
+        match input.pose.tracking_state() {
+            Some(TrackingState::Tracking | TrackingState::Degenerate) if is_pose(input.pose) => {}
+            Some(TrackingState::Initialising) => return,
+            _ => {
+                counters.degraded += 1;
+                return;
+            }
+        }
+        let map_from_lidar = map_from_lidar(input.pose);
+        for point in input.points {
+            let in_map = map_from_lidar * Point3::new(point.x, point.y, point.z).cast::<f64>();
+            let in_map = in_map.cast::<f32>();
+            let intensity = f32::from(point.reflectivity());
+            let point = CloudPoint { x: in_map.x, y: in_map.y, z: in_map.z, intensity };
+            counters.rejected += u64::from(self.cloud.insert(point) == Err(Dropped::Rejected));
+        }
+    }
+
+    /// A snapshot stands for frames that were missed, and the pose that comes with it may hold a position only.
+    fn add_poses(&mut self, input: &SinkInput<'_>, counters: &mut Counters) {
+        if input.map.header.map_flags & map_flags::SNAPSHOT != 0 {
+            return;
+        }
+        let max_poses = self.config.max_poses as usize;
+        let mut kept = add_pose(&mut self.trajectory, input.pose, max_poses);
+        if let Some(truth) = input.truth {
+            kept &= add_pose(&mut self.truth, truth, max_poses);
+        }
+        counters.degraded += u64::from(!kept);
+    }
+
+    /// Whether the interval of sensor time has passed since the last saving, at first since the first frame.
+    fn is_due(&mut self, now_ns: i64) -> bool {
+        let since = *self.saved_ns.get_or_insert(now_ns);
+        let interval_ns = (self.config.save_interval_s * 1e9) as i64;
+        let due = interval_ns > 0 && now_ns.saturating_sub(since) >= interval_ns;
+        if due || now_ns < since {
+            self.saved_ns = Some(now_ns);
+        }
+        due
+    }
+
+    fn save(&mut self) -> Result<(), StageError> {
+        self.write_files().map_err(file_error)?;
+        self.unsaved = false;
+        Ok(())
+    }
+
+    fn write_files(&self) -> Result<(), FormatError> {
+        let path = |name: &str| self.config.output_dir.join(name);
+        if let Some(map) = &self.map {
+            let tree = map.to_tree(Pruning::Full);
+            octomap::write_ot(&path("map.ot"), &tree)?;
+            octomap::write_bt(&path("map.bt"), &tree, &map.sensor().binary_values())?;
+        }
+        tum::write(&path("trajectory.tum"), &self.trajectory)?;
+        if !self.truth.is_empty() {
+            tum::write(&path("truth.tum"), &self.truth)?;
+        }
+        let points = self.cloud.points().iter().copied();
+        pcd::write(&path("cloud.pcd"), points, Intensity::Kept, pcd::WriteAs::Binary)
+    }
+}
+
+fn new_map(header: &MapHeader, sensor: SensorModel, max_bricks: u32) -> Result<OctreeMap, StageError> {
+    let config = MapConfig { sensor, max_bricks, ..MapConfig::new(header.resolution) };
+    OctreeMap::new(config).map_err(|cause: MapError| StageError::Config(format!("map/update: {cause}")))
+}
+
+/// Keeps a pose; false where it is none or there are too many.
+fn add_pose(poses: &mut Vec<TumPose>, pose: &PoseFrame, max_poses: usize) -> bool {
+    let keep = poses.len() < max_poses && is_pose(pose);
+    if keep {
+        let PoseFrame { frame, position, orientation, .. } = *pose;
+        poses.push(TumPose { stamp_ns: frame.end_ns, position, orientation });
+    }
+    keep
+}
+
+/// Whether the numbers are finite and the quaternion is a rotation.
+fn is_pose(pose: &PoseFrame) -> bool {
+    let norm = pose.orientation.iter().map(|q| q * q).sum::<f64>().sqrt();
+    pose.position.iter().all(|axis| axis.is_finite()) && (norm - 1.0).abs() <= NORM_TOLERANCE
+}
+
+fn file_error(error: FormatError) -> StageError {
+    StageError::File(error.to_string())
+}
+
+#[cfg(test)]
+mod tests;

@@ -2,9 +2,9 @@
 
 mod common;
 
-use common::{feed, pose, scan};
-use evac_octree_mapper::{KeyFrameConfig, OctreeMapper, OctreeMapperConfig};
-use evac_stage::{Counters, MapOutput, Rig, Stage};
+use common::{feed, mapper, pose, scan};
+use evac_octree_mapper::{KeyFrameConfig, OctreeMapperConfig};
+use evac_stage::{Counters, MapOutput};
 use evac_testkit::{CountingAllocator, count_allocations};
 
 #[global_allocator]
@@ -14,7 +14,7 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 fn a_key_frame_of_a_known_place_allocates_nothing() {
     let every_scan = KeyFrameConfig { distance_m: 0.0, angle_deg: 0.0, interval_s: 0.0 };
     let config = OctreeMapperConfig { key_frames: every_scan, ..Default::default() };
-    let mut mapper = OctreeMapper::new(config, &Rig::default()).unwrap();
+    let mut mapper = mapper(config);
     let (mut output, mut counters) = (MapOutput::newest_only(), Counters::default());
     let scans: Vec<_> = (0..6).map(|seq| scan(seq, &pose(0.1 * seq as f64, 3.0 * seq as f64))).collect();
     for scan in &scans {

@@ -2,15 +2,11 @@
 
 mod common;
 
-use common::{FLOOR, feed, pose, scan};
+use common::{FLOOR, feed, mapper, pose, scan};
 use evac_frames::{TrackingState, Voxel, frame_flags, map_flags, voxel_flags};
 use evac_octree::{MapConfig, Occupancy, OctreeMap};
 use evac_octree_mapper::{GroundConfig, KeyFrameConfig, OctreeMapper, OctreeMapperConfig, OutlierConfig};
 use evac_stage::{Counters, MapOutput, Rig, Stage};
-
-fn mapper(config: OctreeMapperConfig) -> OctreeMapper {
-    OctreeMapper::new(config, &Rig::default()).unwrap()
-}
 
 /// Walks down the corridor at 1.2 m/s for `frames` frames, turning a little.
 fn walk(mapper: &mut OctreeMapper, frames: u64, output: &mut MapOutput, counters: &mut Counters) {

@@ -1,5 +1,7 @@
 //! Files that OctoMap 1.10 wrote are read and written back byte for byte.
 
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -19,7 +21,7 @@ fn golden_sets() -> Option<Vec<(PathBuf, BinaryValues)>> {
         .map(|path| path.with_extension("").with_extension(""))
         .map(|set| {
             let values = if set.ends_with("scan3_params") {
-                BinaryValues { free: -1.386_294_36, occupied: 2.197_224_62, threshold: 0.405_465_096 }
+                BinaryValues { free: -1.386_294_4, occupied: 2.197_224_6, threshold: 0.405_465_1 }
             } else {
                 BinaryValues::default()
             };

@@ -46,39 +46,43 @@ fn update(sensor: &SensorModel, brick: &mut BrickMut<'_>, marks: &mut Marks) -> 
         let hit = marks.hit[word];
         // A voxel with a point in it is not cleared by the rays that pass it.
         let free = marks.free[word] & !hit;
+        if free | hit == 0 {
+            // No ground without a free or occupied voxel.
+            marks.changed[word] = 0;
+            continue;
+        }
         let known = brick.known[word];
         let ground = brick.ground[word];
-        let mut changed = marks.ground[word] & !ground;
-        if free != 0 {
-            changed |= update_word(sensor, values, known, free, sensor.miss);
-        }
+        let (new_known, new_ground) = (known | free | hit, ground | marks.ground[word]);
+        let mut changed = new_known & !known | new_ground & !ground;
+        changed |= update_word(values, free, |value| sensor.missed(value));
         if hit != 0 {
-            changed |= update_word(sensor, values, known, hit, sensor.hit);
+            changed |= update_word(values, hit, |value| sensor.struck(value));
         }
-        brick.known[word] |= free | hit;
-        brick.ground[word] |= marks.ground[word];
+        brick.known[word] = new_known;
+        brick.ground[word] = new_ground;
         marks.changed[word] = changed;
         sums.free += free.count_ones();
         sums.occupied += hit.count_ones();
-        sums.new += (brick.known[word] & !known).count_ones();
-        sums.listed += ((brick.known[word] | brick.ground[word]) & !(known | ground)).count_ones();
+        sums.new += (new_known & !known).count_ones();
+        sums.listed += ((new_known | new_ground) & !(known | ground)).count_ones();
         sums.changed += changed.count_ones();
     }
     sums
 }
 
-/// Adds `update` to the voxels of `bits` and says which have a new state.
+/// Updates the voxels of `bits` and says which have a new value. An unknown voxel's value is zero, the log-odds of the
+/// prior of 0.5.
 #[inline]
-fn update_word(sensor: &SensorModel, values: &mut [f32; 64], known: u64, mut bits: u64, update: f32) -> u64 {
-    let first = sensor.first(update);
-    let mut changed = bits & !known;
+fn update_word(values: &mut [f32; 64], mut bits: u64, update: impl Fn(f32) -> f32) -> u64 {
+    let mut changed = 0;
     while bits != 0 {
         let voxel = bits.trailing_zeros() as usize;
         bits &= bits - 1;
-        let old = values[voxel];
-        let new = if known >> voxel & 1 != 0 { sensor.updated(old, update) } else { first };
-        changed |= u64::from(new != old) << voxel;
-        values[voxel] = new;
+        let value = &mut values[voxel];
+        let new = update(*value);
+        changed |= u64::from(new != *value) << voxel;
+        *value = new;
     }
     changed
 }

@@ -16,7 +16,7 @@ pub(crate) type Mask = [u64; BRICK_VOXELS / 64];
 
 /// The voxels of 8 x 8 x 8, in Morton order.
 pub(crate) struct Brick<'a> {
-    /// Meaningful where `known` has the bit.
+    /// Zero where `known` lacks the bit.
     pub(crate) log_odds: &'a [f32; BRICK_VOXELS],
     pub(crate) known: &'a Mask,
     pub(crate) ground: &'a Mask,

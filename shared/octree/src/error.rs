@@ -10,7 +10,7 @@ pub enum MapError {
     Resolution(f64),
     /// A probability or the order of two of them makes no sensor model.
     #[error(
-        "{name} is {value}; probabilities lie between 0 and 1, a miss below 0.5, a hit above, clamp_min below clamp_max"
+        "{name} is {value}; probabilities lie between 0 and 1, miss and clamp_min below 0.5, hit and clamp_max above"
     )]
     Probability {
         /// The parameter.
@@ -19,7 +19,9 @@ pub enum MapError {
         value: f64,
     },
     /// A sensor model given in log-odds is no model.
-    #[error("{0:?} is no sensor model; give finite log-odds, hit > 0 > miss, clamp_min < clamp_max")]
+    #[error(
+        "{0:?} is no sensor model; give finite log-odds, miss and clamp_min below zero, hit and clamp_max above"
+    )]
     Sensor(SensorModel),
     /// The ceiling on bricks allows no voxel at all.
     #[error("max_bricks is 0; allow at least one brick (about 2.2 kB each)")]

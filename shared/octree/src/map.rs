@@ -15,6 +15,7 @@ pub struct MapConfig {
     /// How rays change voxels.
     pub sensor: SensorModel,
     /// Most bricks of 8 x 8 x 8 voxels that the map may hold (about 2.2 kB each); further ones are refused and counted.
+    /// A single scan may touch as many (0.3 kB each while it does).
     pub max_bricks: u32,
 }
 
@@ -99,11 +100,8 @@ impl OctreeMap {
             return Err(Rejected::NotFinite);
         }
         let key = self.space.key(point).ok_or(Rejected::OutsideKeySpace)?;
-        let update = if hit { self.sensor.hit } else { self.sensor.miss };
-        let log_odds = match self.log_odds(key) {
-            Some(old) => self.sensor.updated(old, update),
-            None => self.sensor.first(update),
-        };
+        let old = self.log_odds(key).unwrap_or(0.0);
+        let log_odds = if hit { self.sensor.struck(old) } else { self.sensor.missed(old) };
         self.set_voxel(key, log_odds)?;
         Ok(log_odds)
     }

@@ -76,15 +76,15 @@ impl SensorModel {
     /// The model in log-odds.
     ///
     /// # Errors
-    /// [`MapError::Probability`] where a value is no probability, a hit would clear or a miss occupy, or the clamps
-    /// are in the wrong order.
+    /// [`MapError::Probability`] where a value is no probability, a hit would clear, a miss occupy, or the clamps
+    /// exclude the 0.5 of an unknown voxel.
     pub fn from_probabilities(model: &Probabilities) -> Result<Self, MapError> {
         let Probabilities { hit, miss, clamp_min, clamp_max, occupied } = *model;
         let checks = [
             ("hit", hit, hit > 0.5 && hit < 1.0),
             ("miss", miss, miss > 0.0 && miss < 0.5),
-            ("clamp_min", clamp_min, clamp_min > 0.0 && clamp_min < clamp_max),
-            ("clamp_max", clamp_max, clamp_max < 1.0),
+            ("clamp_min", clamp_min, clamp_min > 0.0 && clamp_min < 0.5),
+            ("clamp_max", clamp_max, clamp_max > 0.5 && clamp_max < 1.0),
             ("occupied", occupied, occupied > 0.0 && occupied < 1.0),
         ];
         if let Some(&(name, value, _)) = checks.iter().find(|(_, _, holds)| !holds) {
@@ -105,13 +105,14 @@ impl SensorModel {
         log_odds >= self.occupied
     }
 
-    /// Whether its values are finite and in order: what a map needs so that no voxel ever gets another value.
+    /// Whether its values are finite and on their sides of an unknown voxel's zero: what a map needs so that no voxel ever gets another value.
     pub(crate) fn is_valid(&self) -> bool {
         let Self { hit, miss, clamp_min, clamp_max, occupied } = *self;
         [hit, miss, clamp_min, clamp_max, occupied].iter().all(|value| value.is_finite())
             && hit > 0.0
             && miss < 0.0
-            && clamp_min < clamp_max
+            && clamp_min < 0.0
+            && clamp_max > 0.0
     }
 
     /// The values that a `.bt` file written from this model's map stands for.
@@ -119,31 +120,26 @@ impl SensorModel {
         BinaryValues { free: self.clamp_min, occupied: self.clamp_max, threshold: self.occupied }
     }
 
-    /// The value of a known voxel after one ray. A value at or beyond the clamp towards which the ray pushes stays as
-    /// it is, also where it was set from outside.
+    /// The value of a voxel after a ray has ended in it. A value at or beyond the clamp stays as it is, also where it
+    /// was set from outside. Zero is an unknown voxel's.
     #[inline]
-    pub(crate) fn updated(&self, log_odds: f32, update: f32) -> f32 {
-        if (update >= 0.0 && log_odds >= self.clamp_max) || (update <= 0.0 && log_odds <= self.clamp_min) {
-            return log_odds;
-        }
-        self.clamped(log_odds + update)
+    pub(crate) fn struck(&self, log_odds: f32) -> f32 {
+        let sum = self.clamped(log_odds + self.hit);
+        if log_odds >= self.clamp_max { log_odds } else { sum }
     }
 
-    /// The value of an unknown voxel (log-odds zero, a probability of 0.5) after its first ray.
+    /// The same after a ray has passed through it.
     #[inline]
-    pub(crate) fn first(&self, update: f32) -> f32 {
-        self.clamped(update)
+    pub(crate) fn missed(&self, log_odds: f32) -> f32 {
+        let sum = self.clamped(log_odds + self.miss);
+        if log_odds <= self.clamp_min { log_odds } else { sum }
     }
 
+    /// Selections rather than branches: which voxels are at a clamp is hard to predict.
     #[inline]
     fn clamped(&self, log_odds: f32) -> f32 {
-        if log_odds < self.clamp_min {
-            self.clamp_min
-        } else if log_odds > self.clamp_max {
-            self.clamp_max
-        } else {
-            log_odds
-        }
+        let raised = if log_odds < self.clamp_min { self.clamp_min } else { log_odds };
+        if raised > self.clamp_max { self.clamp_max } else { raised }
     }
 }
 
@@ -159,11 +155,10 @@ mod tests {
     #[test]
     fn the_default_log_odds_are_octomaps_to_the_last_bit() {
         let model = SensorModel::default();
-        assert_eq!(model.hit, 0.847_297_847);
-        assert_eq!(model.miss, -0.405_465_096);
-        assert_eq!(model.clamp_min, -2.000_027_89);
-        assert_eq!(model.clamp_max, 3.511_030_67);
-        assert_eq!(model.occupied, 0.0);
+        let bits =
+            [model.hit, model.miss, model.clamp_min, model.clamp_max, model.occupied].map(f32::to_bits);
+        // 0.847297847, -0.405465096, -2.00002789, 3.51103067 and 0.
+        assert_eq!(bits, [1_062_791_299, 3_201_276_191, 3_221_225_589, 1_080_079_546, 0]);
         assert_eq!(model.binary_values(), BinaryValues::default());
         assert_eq!(SensorModel::from_probabilities(&Probabilities::default()), Ok(model));
     }
@@ -187,13 +182,13 @@ mod tests {
     #[test]
     fn a_clamped_voxel_changes_its_mind_after_a_bounded_number_of_scans() {
         let model = SensorModel::default();
-        let mut value = model.first(model.hit);
+        let mut value = model.struck(0.0);
         for _ in 0..1000 {
-            value = model.updated(value, model.hit);
+            value = model.struck(value);
         }
         assert_eq!(value, model.clamp_max);
         let misses = (1..).find(|_| {
-            value = model.updated(value, model.miss);
+            value = model.missed(value);
             !model.is_occupied(value)
         });
         assert_eq!(misses, Some(9));

@@ -61,21 +61,35 @@ impl Walk {
     }
 
     /// Goes to the next voxel; `false` at the edge of the key space.
+    ///
+    /// Which axis comes next is as good as random, so everything is selected rather than branched on: x where it is
+    /// first, y where it is before z, z among equals, as OctoMap decides.
     #[inline]
     pub(crate) fn advance(&mut self) -> bool {
         let [x, y, z] = self.crossing;
-        let axis = if x < y {
-            if x < z { 0 } else { 2 }
-        } else if y < z {
-            1
-        } else {
-            2
+        let along_x = (x < y) & (x < z);
+        let along_y = (x >= y) & (y < z);
+        let along_z = !along_x & !along_y;
+        let select = |[x, y, z]: [u64; 3]| {
+            if along_x {
+                x
+            } else if along_y {
+                y
+            } else {
+                z
+            }
         };
-        if self.code & AXES[axis] == self.last[axis] {
+        let mask = select(AXES);
+        if self.code & mask == select(self.last) {
             return false;
         }
-        self.code = morton::step(self.code, axis, self.delta[axis]);
-        self.crossing[axis] += self.spacing[axis];
+        self.code = morton::step(self.code, mask, select(self.delta));
+        let [dx, dy, dz] = self.spacing;
+        self.crossing = [
+            x + if along_x { dx } else { 0.0 },
+            y + if along_y { dy } else { 0.0 },
+            z + if along_z { dz } else { 0.0 },
+        ];
         true
     }
 

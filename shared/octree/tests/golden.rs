@@ -1,5 +1,7 @@
 //! The same insertions as OctoMap 1.10 made give the same trees, byte for byte, and the same rays.
 
+#![allow(clippy::unwrap_used)]
+
 use std::fs;
 use std::path::PathBuf;
 
@@ -31,8 +33,10 @@ fn empty(resolution: f64) -> OctreeMap {
     OctreeMap::new(MapConfig::new(resolution)).unwrap()
 }
 
+type OriginAndPoints = ([f32; 3], Vec<[f32; 3]>);
+
 /// The three scans behind the sets `scan3_*`.
-fn scans() -> Option<Vec<([f32; 3], Vec<[f32; 3]>)>> {
+fn scans() -> Option<Vec<OriginAndPoints>> {
     let file = json(golden("scan_points.json")?);
     let scan = |scan: &Value| {
         (point(&scan["origin"]), scan["points"].as_array().unwrap().iter().map(point).collect::<Vec<_>>())

@@ -1,5 +1,7 @@
 //! What the map refuses, and what ground and silent rays do to it.
 
+#![allow(clippy::unwrap_used)]
+
 use evac_formats::octomap::{Node, OcTreeFile};
 use evac_frames::{Voxel, voxel_flags};
 use evac_octree::{

@@ -58,7 +58,8 @@ impl Moments {
         let (cxx, cxy, cyy) = (self.xx / self.n - x * x, self.xy / self.n - x * y, self.yy / self.n - y * y);
         let (cxz, cyz, czz) = (self.xz / self.n - x * z, self.yz / self.n - y * z, self.zz / self.n - z * z);
         let det = cxx * cyy - cxy * cxy;
-        if !(det > 1e-9 * (cxx + cyy) * (cxx + cyy)) {
+        let spread = cxx + cyy;
+        if det.is_nan() || det <= 1e-9 * spread * spread {
             return None;
         }
         let slope = [(cyy * cxz - cxy * cyz) / det, (cxx * cyz - cxy * cxz) / det];

@@ -1,10 +1,11 @@
 //! A corridor, and what a Mid-40-like cone sees of it.
+#![allow(clippy::unwrap_used, reason = "a helper that fails, fails its test")]
 
 use evac_frames::{FrameHeader, Point, PoseFrame, ScanHeader, TrackingState, scan_flags};
 use evac_geometry::nalgebra::{Isometry3, Point3, Vector3};
 use evac_geometry::set_map_from_lidar;
-use evac_octree_mapper::OctreeMapper;
-use evac_stage::{Counters, MapOutput, ScanWithPose, Stage};
+use evac_octree_mapper::{OctreeMapper, OctreeMapperConfig};
+use evac_stage::{Counters, MapOutput, Rig, ScanWithPose, Stage};
 
 pub(crate) const FLOOR: f64 = -1.1;
 const LOW: [f64; 3] = [-3.0, -1.5, FLOOR];
@@ -65,6 +66,11 @@ fn gauss(random: &mut u64) -> f64 {
 /// A pose `x` metres down the corridor, turned by `yaw_deg`.
 pub(crate) fn pose(x: f64, yaw_deg: f64) -> Isometry3<f64> {
     Isometry3::new(Vector3::x() * x, Vector3::z() * yaw_deg.to_radians())
+}
+
+/// A mapper whose configuration is right.
+pub(crate) fn mapper(config: OctreeMapperConfig) -> OctreeMapper {
+    OctreeMapper::new(config, &Rig::default()).unwrap()
 }
 
 /// Gives one scan to the mapper.

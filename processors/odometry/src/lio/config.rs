@@ -15,7 +15,8 @@ pub struct LioConfig {
     pub accel_noise_m_s2: f64,
     /// Random walk of the gyroscope's bias, rad/s per sqrt(s).
     pub gyro_bias_walk: f64,
-    /// Random walk of the accelerometer's bias, m/s^2 per sqrt(s).
+    /// Random walk of the accelerometer's bias, m/s^2 per sqrt(s). Larger than the sensor's own (1e-5): a first turn
+    /// that model errors spoil may split bias and tilt wrongly, and this lets the filter find out.
     pub accel_bias_walk: f64,
     /// Standard deviation of the gyroscope's bias where a standstill cannot show it, rad/s (0.4 degrees/s): a device
     /// with auto-zero reads exact zeros at rest.
@@ -48,15 +49,15 @@ impl Default for LioConfig {
             gyro_noise_rad_s: 0.003,
             accel_noise_m_s2: 0.06,
             gyro_bias_walk: 1e-6,
-            accel_bias_walk: 1e-5,
+            accel_bias_walk: 1e-3,
             hidden_gyro_bias_rad_s: 0.007,
             gyro_scale_sigma: 0.003,
-            time_offset_sigma_ms: 0.0,
+            time_offset_sigma_ms: 3.0,
             range_noise_m: 0.02,
             min_range_m: 0.3,
             max_range_m: 260.0,
             standstill_s: 1.0,
-            start_timeout_s: 5.0,
+            start_timeout_s: 3.0,
             point_stride: 4,
             max_cells: 1 << 18,
             max_speed_m_s: 3.0,

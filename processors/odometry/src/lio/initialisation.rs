@@ -165,8 +165,9 @@ fn start_at(map_from_imu: &UnitQuaternion<f64>, imu_from_lidar: &Isometry3<f64>)
     Start { state, covariance, accel_noise: 0.0, gyro_noise: 0.0, standing: false }
 }
 
-/// `map_from_imu` with `up` (IMU frame) on the map's z and the LiDAR's x in the map's x-z plane, forward.
-fn upright(up: &Vector3<f64>, imu_from_lidar: &Isometry3<f64>) -> UnitQuaternion<f64> {
+/// `map_from_imu` with `up` (IMU frame, any length) on the map's z and the LiDAR's x in the map's x-z plane, forward.
+pub(crate) fn upright(up: &Vector3<f64>, imu_from_lidar: &Isometry3<f64>) -> UnitQuaternion<f64> {
+    let up = &up.normalize();
     let level = |axis: Vector3<f64>| {
         let forward = imu_from_lidar.rotation * axis;
         (forward - up * forward.dot(up)).try_normalize(0.1)

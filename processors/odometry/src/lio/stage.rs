@@ -10,7 +10,7 @@ use super::correction::{Report, correct};
 use super::degeneracy::Degeneracy;
 use super::deskew::Deskew;
 use super::imu::ImuTrack;
-use super::initialisation::{Initialiser, Start};
+use super::initialisation::{Initialiser, Start, upright};
 use super::matching::{Gate, Match, Selected, select};
 use super::monitor::{Monitor, Verdict};
 use super::plane_map::PlaneMap;
@@ -27,6 +27,13 @@ const MAX_STILL_POINTS: usize = 400_000;
 const MAX_TRACE: usize = 512;
 /// A step of the stamps beyond this is a new clock and not a gap, seconds.
 const MAX_GAP_S: f64 = 10.0;
+/// Frames of scan-to-scan tracking before a map is laid.
+const SETTLING_FRAMES: u32 = 15;
+/// A map laid meanwhile is smeared and used for so many frames only.
+const SETTLING_REFRESH: u32 = 5;
+/// Errors of velocity and rotation (m/s, rad) between two scans that are smeared differently.
+const SMEARED_VELOCITY: f64 = 0.5;
+const SMEARED_ROTATION: f64 = 0.01;
 /// Gate of the loose mode, metres.
 const LOOSE_GATE: f64 = 0.1;
 /// Uncertainty after a loss: rotation 1 degree, velocity, position (added to what it was).
@@ -90,6 +97,16 @@ struct Filter {
     degenerate: bool,
     degeneracy: Degeneracy,
     frame: u32,
+    settling: Option<Settling>,
+}
+
+/// Scan-to-scan tracking until the velocity is known well enough to lay a map: after a start in motion and after a loss
+/// from which there was no way back.
+#[derive(Debug, Clone, Copy)]
+struct Settling {
+    frames_left: u32,
+    /// The map frame is not yet fixed: it will be where the LiDAR then is.
+    starting: bool,
 }
 
 impl Stage for Lio {
@@ -194,6 +211,7 @@ impl Lio {
             degenerate: false,
             degeneracy: Degeneracy::default(),
             frame: 0,
+            settling: (!start.standing).then_some(Settling { frames_left: SETTLING_FRAMES, starting: true }),
         };
         filter.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = (self.config.time_offset_sigma_ms * 1e-3).powi(2);
         add_variance(&mut filter.covariance, at::GYRO_SCALE, self.config.gyro_scale_sigma.powi(2));
@@ -203,8 +221,11 @@ impl Lio {
         }
         self.still = Vec::new();
         self.track.forget_before(filter.stamp_ns);
-        let pose =
-            filter.published(&input.header.frame, &self.imu_from_lidar, &Report::full(), TrackingState::Tracking);
+        let pose = if start.standing {
+            filter.published(&input.header.frame, &self.imu_from_lidar, &Report::full(), TrackingState::Tracking)
+        } else {
+            waiting_frame(&input.header.frame, &start.state.rotation, &self.imu_from_lidar)
+        };
         self.phase = Phase::Running(Box::new(filter));
         pose
     }
@@ -221,7 +242,8 @@ impl Lio {
             filter.stamp_ns = end_ns - 1;
             filter.loosen();
         }
-        let noise = Noise::new(&self.config, filter.noise_factor(), filter.monitor.is_lost());
+        let loose = filter.monitor.is_lost() || filter.settling.is_some();
+        let noise = Noise::new(&self.config, filter.noise_factor(), loose);
         self.diagnostics.imu_gaps += propagate(
             &mut filter.state,
             &mut filter.covariance,
@@ -254,7 +276,7 @@ impl Lio {
 
         let gate = Gate {
             range_noise: self.config.range_noise_m,
-            floor: if filter.monitor.is_lost() { LOOSE_GATE } else { 0.0 },
+            floor: if loose { LOOSE_GATE } else { 0.0 },
         };
         let rate = self.trace.last().map_or(filter.rate, |last| last.rate);
         let report = correct(
@@ -272,6 +294,10 @@ impl Lio {
             (filter.state, filter.covariance) = before;
             filter.loosen();
         }
+        if let Some(settling) = filter.settling {
+            eprintln!("settle {} v {:.2?} g {:.2?} p {:.3?} euler {:.3?} bg {:.4?} used {}/{}/{} deg {} pg {:.3} {:.3} {:.3} pv {:.3} {:.3}", settling.frames_left, filter.state.velocity.as_slice(), filter.state.gravity.as_slice(), filter.state.position.as_slice(), filter.state.rotation.euler_angles(), filter.state.gyro_bias.as_slice(), report.used, report.in_view, report.selected, filter.degeneracy.count, filter.covariance[(16,16)].sqrt(), filter.covariance[(17,17)].sqrt(), filter.covariance[(18,18)].sqrt(), filter.covariance[(7,7)].sqrt(), filter.covariance[(8,8)].sqrt());
+            return self.settle(frame, settling, &before.0, gap_s);
+        }
         let verdict = filter.monitor.judge(&report, filter.degenerate, &filter.state, &self.config);
         match verdict {
             Verdict::Good => {}
@@ -285,28 +311,81 @@ impl Lio {
             Verdict::Restart => {
                 self.diagnostics.map_restarts += 1;
                 filter.hold_speed(&before.0, &self.config);
+                filter.settling = Some(Settling { frames_left: SETTLING_FRAMES, starting: false });
                 self.map.clear();
             }
         }
         filter.rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
         self.map.next_frame();
         if matches!(verdict, Verdict::Good | Verdict::Restart) {
-            let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
-            for point in &self.points {
-                self.map.insert(&(map_from_lidar * Point3::from(*point)).coords);
-            }
+            insert_all(&mut self.map, &(filter.state.map_from_imu() * self.imu_from_lidar), &self.points);
         }
         self.diagnostics.nis = filter.monitor.nis();
         let tracking = match verdict {
-            Verdict::JustLost | Verdict::Lost => TrackingState::Lost,
+            Verdict::JustLost | Verdict::Lost | Verdict::Restart => TrackingState::Lost,
             _ if filter.degenerate => TrackingState::Degenerate,
             _ => TrackingState::Tracking,
         };
         filter.published(frame, &self.imu_from_lidar, &report, tracking)
     }
+
+    /// One frame of scan-to-scan tracking: the map is this scan alone. Both scans of a pair are smeared alike by a
+    /// velocity that their deskewing did not know, so their distance is right. The map itself begins with the next
+    /// frame, the first that is deskewed with a known velocity.
+    fn settle(&mut self, frame: &FrameHeader, settling: Settling, before: &State, gap_s: f64) -> PoseFrame {
+        let Phase::Running(filter) = &mut self.phase else { return PoseFrame::default() };
+        filter.hold_speed(before, &self.config);
+        filter.rate = log_so3(&(before.rotation.inverse() * filter.state.rotation)) / gap_s;
+        if settling.frames_left <= 1 || settling.frames_left % SETTLING_REFRESH == 0 {
+            self.map.clear();
+        }
+        self.map.next_frame();
+        // A displacement between smeared scans is no measure of acceleration or rate: gravity and biases must not follow it.
+        if settling.frames_left > SETTLING_REFRESH {
+            add_variance(&mut filter.covariance, at::VELOCITY, SMEARED_VELOCITY.powi(2));
+            add_variance(&mut filter.covariance, at::ROTATION, SMEARED_ROTATION.powi(2));
+        }
+        if settling.frames_left > 1 {
+            insert_all(&mut self.map, &(filter.state.map_from_imu() * self.imu_from_lidar), &self.points);
+            filter.settling = Some(Settling { frames_left: settling.frames_left - 1, ..settling });
+            if settling.starting {
+                let up = upright(&(filter.state.rotation.inverse() * -filter.state.gravity), &self.imu_from_lidar);
+                return waiting_frame(frame, &up, &self.imu_from_lidar);
+            }
+            return filter.published(frame, &self.imu_from_lidar, &Report::default(), TrackingState::Lost);
+        }
+        filter.settling = None;
+        if settling.starting {
+            filter.rebase(&self.imu_from_lidar);
+        }
+        filter.degeneracy = Degeneracy::of(&Matrix3::zeros());
+        filter.published(frame, &self.imu_from_lidar, &Report::default(), TrackingState::Degenerate)
+    }
 }
 
 impl Filter {
+    /// Fixes the map frame where the LiDAR is now: origin, z against gravity, yaw of the LiDAR zero.
+    fn rebase(&mut self, imu_from_lidar: &Isometry3<f64>) {
+        let rotation = upright(&(self.state.rotation.inverse() * -self.state.gravity), imu_from_lidar);
+        let new_from_old = rotation * self.state.rotation.inverse();
+        self.state.rotation = rotation;
+        self.state.position = -(rotation * imu_from_lidar.translation.vector);
+        self.state.velocity = new_from_old * self.state.velocity;
+        self.state.gravity = new_from_old * self.state.gravity;
+        let mut turn = Covariance::identity();
+        for index in [at::VELOCITY, at::GRAVITY] {
+            let mut block = turn.fixed_view_mut::<3, 3>(index, index);
+            block.copy_from(new_from_old.to_rotation_matrix().matrix());
+        }
+        // The pose is exact by definition now.
+        for index in at::ROTATION..at::TIME_OFFSET {
+            turn[(index, index)] = 0.0;
+        }
+        self.covariance = turn * self.covariance * turn.transpose();
+        add_variance(&mut self.covariance, at::ROTATION, 1e-10);
+        add_variance(&mut self.covariance, at::POSITION, 1e-10);
+    }
+
     /// Scale of the process noise, frozen at one while a direction rests on the IMU alone: loose velocity there would
     /// cost what the frames before have learnt.
     fn noise_factor(&self) -> f64 {
@@ -347,6 +426,12 @@ impl Filter {
     ) -> PoseFrame {
         let quality = report.used as f64 / report.selected.max(1) as f64;
         pose_frame(frame, &self.state, &self.covariance, imu_from_lidar, &self.degeneracy, quality, tracking)
+    }
+}
+
+fn insert_all(map: &mut PlaneMap, map_from_lidar: &Isometry3<f64>, points: &[Vector3<f64>]) {
+    for point in points {
+        map.insert(&(map_from_lidar * Point3::from(*point)).coords);
     }
 }
 

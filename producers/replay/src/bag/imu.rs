@@ -1,5 +1,7 @@
 //! `sensor_msgs/Imu`, in whichever unit it was published.
 
+use std::path::PathBuf;
+
 use evac_formats::FormatError;
 use evac_formats::ros1::Imu;
 use evac_formats::rosbag::{BagIndex, BagReader};
@@ -27,7 +29,7 @@ pub(super) struct BagImu {
 }
 
 struct Messages {
-    index: BagIndex,
+    path: PathBuf,
     topic: String,
     reader: BagReader,
 }
@@ -36,7 +38,7 @@ impl BagImu {
     pub(super) fn open(index: &BagIndex, topic: Topic, config: &Config) -> Result<Self, StageError> {
         let open = || {
             let reader = BagReader::new(index, &topic.connections).map_err(file)?;
-            Ok(Messages { index: index.clone(), topic: topic.name.clone(), reader })
+            Ok(Messages { path: index.path().to_owned(), topic: topic.name.clone(), reader })
         };
         let (mut first, mut norms, mut ahead) = (None, Vec::with_capacity(UNIT_SAMPLES), open()?);
         while norms.len() < UNIT_SAMPLES {
@@ -90,7 +92,7 @@ impl ImuStream for BagImu {
             }
         }
         if self.late > 0 {
-            let (file, topic) = (self.messages.index.path().display(), &self.messages.topic);
+            let (file, topic) = (self.messages.path.display(), &self.messages.topic);
             tracing::warn!("{file}: left out {} messages on {topic} whose stamps do not rise", self.late);
             self.late = 0;
         }
@@ -103,7 +105,7 @@ impl Messages {
     fn next(&mut self) -> Result<Option<ImuSample>, FormatError> {
         let Some(message) = self.reader.next_message()? else { return Ok(None) };
         let imu = Imu::parse(message.data)
-            .map_err(|cause| bad_message(&self.index, &message, &self.topic, &cause.to_string()))?;
+            .map_err(|cause| bad_message(&self.path, &message, &self.topic, &cause.to_string()))?;
         let Imu { header, gyro, accel } = imu;
         Ok(Some(ImuSample { stamp_ns: header.stamp_ns, gyro, accel, ..ImuSample::default() }))
     }

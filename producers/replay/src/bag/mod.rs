@@ -5,6 +5,8 @@ mod imu;
 mod scans;
 mod topics;
 
+use std::path::Path;
+
 use evac_formats::FormatError;
 use evac_formats::rosbag::{BagIndex, BagMessage};
 use evac_stage::StageError;
@@ -46,7 +48,7 @@ pub(crate) fn open(config: &Config) -> Result<Recording, StageError> {
 }
 
 /// A message that is not what its type says.
-fn bad_message(index: &BagIndex, message: &BagMessage<'_>, topic: &str, cause: &str) -> FormatError {
+fn bad_message(path: &Path, message: &BagMessage<'_>, topic: &str, cause: &str) -> FormatError {
     let remedy = "the bag is damaged there: copy it again, or cut it with `rosbag filter`";
-    FormatError::malformed(index.path(), message.offset, format!("message on {topic}: {cause}"), remedy)
+    FormatError::malformed(path, message.offset, format!("message on {topic}: {cause}"), remedy)
 }

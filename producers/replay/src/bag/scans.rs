@@ -1,5 +1,7 @@
 //! Messages of points as scans.
 
+use std::path::PathBuf;
+
 use evac_formats::FormatError;
 use evac_formats::ros1::{CustomMsg, PointCloud2, TimeUnit};
 use evac_formats::rosbag::{BagIndex, BagMessage, BagReader};
@@ -28,7 +30,7 @@ pub(super) struct BagScans {
 }
 
 struct Messages {
-    index: BagIndex,
+    path: PathBuf,
     topic: Topic,
     reader: BagReader,
     unit: Option<TimeUnit>,
@@ -97,8 +99,8 @@ impl ScanStream for BagScans {
 impl Messages {
     fn open(index: &BagIndex, topic: &Topic) -> Result<Self, FormatError> {
         let reader = BagReader::new(index, &topic.connections)?;
-        let (index, topic) = (index.clone(), topic.clone());
-        Ok(Self { index, topic, reader, unit: None, last_start: None, late: 0 })
+        let (path, topic) = (index.path().to_owned(), topic.clone());
+        Ok(Self { path, topic, reader, unit: None, last_start: None, late: 0 })
     }
 
     /// The shortest time between two of the first clouds; `default` where there is only one.
@@ -114,7 +116,7 @@ impl Messages {
         }
         match shortest {
             Some(spacing) if spacing > Point::MAX_OFFSET_NS => {
-                let (file, topic) = (self.index.path(), &self.topic.name);
+                let (file, topic) = (&self.path, &self.topic.name);
                 let (is, most) = (spacing / 1_000_000, Point::MAX_OFFSET_NS / 1_000_000);
                 let cause = format!("clouds on {topic} come each {is} ms, and a scan may last {most} ms");
                 Err(FormatError::malformed(file, 0, cause, "record with 10 clouds a second"))
@@ -127,7 +129,7 @@ impl Messages {
     fn read(&mut self, cloud: &mut Cloud) -> Result<bool, FormatError> {
         while let Some(message) = self.reader.next_message()? {
             let parsed = parse(self.topic.kind, &message, cloud, &mut self.unit);
-            parsed.map_err(|cause| bad_message(&self.index, &message, &self.topic.name, &cause))?;
+            parsed.map_err(|cause| bad_message(&self.path, &message, &self.topic.name, &cause))?;
             let back = self.last_start.map_or(-1, |last| last - cloud.start_ns);
             if back < 0 {
                 self.last_start = Some(cloud.start_ns);
@@ -136,12 +138,12 @@ impl Messages {
             if back > SECOND {
                 let (from, to) = (seconds(cloud.start_ns + back), seconds(cloud.start_ns));
                 let cause = format!("time goes back from {from:.3} s to {to:.3} s; the LiDAR was restarted");
-                return Err(bad_message(&self.index, &message, &self.topic.name, &cause));
+                return Err(bad_message(&self.path, &message, &self.topic.name, &cause));
             }
             self.late += 1;
         }
         if self.late > 0 {
-            let (file, topic) = (self.index.path().display(), &self.topic.name);
+            let (file, topic) = (self.path.display(), &self.topic.name);
             tracing::warn!("{file}: left out {} messages on {topic} whose times do not rise", self.late);
             self.late = 0;
         }
@@ -160,6 +162,7 @@ fn parse(
             let message = CustomMsg::parse(message.data).map_err(|cause| cause.to_string())?;
             cloud.read_custom(&message)
         }
+        // An IMU topic is never chosen for points; its messages would be refused here.
         Kind::PointCloud2 | Kind::Imu => {
             let message = PointCloud2::parse(message.data).map_err(|cause| cause.to_string())?;
             cloud.read_cloud(&message, unit)

@@ -1,5 +1,12 @@
 //! Recordings of the test data, unpacked.
-#![allow(dead_code, reason = "each test file uses a part")]
+#![allow(
+    dead_code,
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "parts of tests, of which each file uses some"
+)]
+
+pub(crate) mod bag;
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -10,7 +17,7 @@ use evac_replay::{Config, Replay};
 use evac_stage::{Rig, SensorEvent, Source};
 
 /// A file of a simulated walk, unpacked once into the build's folder; `None` (and a line) where it cannot be had.
-pub fn unpacked(walk: &str, file: &str) -> Option<PathBuf> {
+pub(crate) fn unpacked(walk: &str, file: &str) -> Option<PathBuf> {
     let packed = evac_testkit::data(&format!("simulated/{walk}/{file}.xz"))?;
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("walks").join(walk);
     let path = folder.join(file);
@@ -29,7 +36,7 @@ pub fn unpacked(walk: &str, file: &str) -> Option<PathBuf> {
 }
 
 /// A simulated walk's capture and byte log.
-pub fn walk(name: &str) -> Option<Config> {
+pub(crate) fn walk(name: &str) -> Option<Config> {
     Some(Config {
         lidar: Some(unpacked(name, "lidar.pcap")?),
         imu: Some(unpacked(name, "wt901c.bin")?),
@@ -37,16 +44,16 @@ pub fn walk(name: &str) -> Option<Config> {
     })
 }
 
-pub fn bag(path: &str) -> Option<Config> {
+pub(crate) fn bag(path: &str) -> Option<Config> {
     Some(Config { bag: Some(evac_testkit::data(path)?), ..Config::default() })
 }
 
-pub fn open(config: Config) -> Replay {
+pub(crate) fn open(config: Config) -> Replay {
     Replay::new(config, &Rig::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// What opening or replaying says about a bad recording.
-pub fn error_of(config: Config) -> String {
+pub(crate) fn error_of(config: Config) -> String {
     let mut replay = match Replay::new(config, &Rig::default()) {
         Ok(replay) => replay,
         Err(error) => return error.to_string(),
@@ -62,16 +69,16 @@ pub fn error_of(config: Config) -> String {
 
 /// A replay, told.
 #[derive(Default)]
-pub struct Told {
-    pub scans: Vec<ScanHeader>,
-    pub imu: Vec<ImuSample>,
-    pub points: Vec<Point>,
-    pub returns: u64,
-    pub total: Option<u64>,
+pub(crate) struct Told {
+    pub(crate) scans: Vec<ScanHeader>,
+    pub(crate) imu: Vec<ImuSample>,
+    pub(crate) points: Vec<Point>,
+    pub(crate) returns: u64,
+    pub(crate) total: Option<u64>,
 }
 
 /// Replays everything, checks the order of events, and keeps the points of the first `keep` scans.
-pub fn tell(config: Config, keep: usize) -> Told {
+pub(crate) fn tell(config: Config, keep: usize) -> Told {
     let mut replay = open(config);
     let mut told = Told { total: replay.total_scans(), ..Told::default() };
     let mut time = i64::MIN;

@@ -68,6 +68,11 @@ impl Bounds {
         (enter <= leave && leave >= 0.0).then_some((enter, leave))
     }
 
+    pub(super) fn surface(&self) -> f64 {
+        let size = self.max - self.min;
+        2.0 * (size.x * size.y + size.y * size.z + size.z * size.x)
+    }
+
     pub(super) fn union(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
     }

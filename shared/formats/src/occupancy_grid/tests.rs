@@ -154,6 +154,26 @@ proptest! {
     }
 
     #[test]
+    fn mutated_and_cut_map_files_never_panic(
+        in_picture: bool,
+        changes in proptest::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 0..6),
+        cut: prop::sample::Index,
+    ) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("plan.yaml");
+        write(&path, &small()).unwrap();
+        let changed = if in_picture { folder.path().join("plan.pgm") } else { path.clone() };
+        let mut bytes = fs::read(&changed).unwrap();
+        for (at, value) in changes {
+            *at.get_mut(&mut bytes) = value;
+        }
+        fs::write(&changed, &bytes[..cut.index(bytes.len() + 1)]).unwrap();
+        if let Ok(grid) = read(&path) {
+            prop_assert_eq!(grid.cells.len(), grid.width as usize * grid.height as usize);
+        }
+    }
+
+    #[test]
     fn no_text_makes_the_yaml_reader_panic(text in "([a-z]{0,5}[:#\\[\\],'\"\\- \n]{0,3}){0,40}|\\PC{0,100}") {
         if let Ok(keys) = Keys::parse(text.as_bytes(), Path::new("a.yaml")) {
             let _ = (keys.three("a"), keys.number("b"));

@@ -2,8 +2,9 @@
 
 use std::fs::File;
 use std::ops::Range;
+use std::path::PathBuf;
 
-use super::chunk::Compression;
+use super::chunk::{Chunk, Compression};
 use super::index::BagIndex;
 use super::record::{op, split_record};
 use crate::FormatError;
@@ -28,7 +29,8 @@ pub struct BagMessage<'a> {
 /// *measuring*, reading each stream by a reader of its own, so that it does not matter how they are interleaved.
 #[derive(Debug)]
 pub struct BagReader {
-    index: BagIndex,
+    path: PathBuf,
+    chunks: Vec<Chunk>,
     file: File,
     wanted: Vec<u32>,
     /// Next chunk to be unpacked.
@@ -53,9 +55,17 @@ impl BagReader {
     /// [`FormatError::Io`] if the file cannot be opened again.
     pub fn new(index: &BagIndex, wanted: &[u32]) -> Result<Self, FormatError> {
         let file = File::open(&index.path).map_err(|cause| FormatError::reading(&index.path, cause))?;
-        let mut index = index.clone();
-        index.chunks.retain(|chunk| chunk.counts.iter().any(|(id, _)| wanted.contains(id)));
-        Ok(Self { index, file, wanted: wanted.to_vec(), next: 0, data: Vec::new(), at: 0 })
+        let holds = |chunk: &&Chunk| chunk.counts.iter().any(|(id, _)| wanted.contains(id));
+        let chunks = index.chunks.iter().filter(holds).cloned().collect();
+        Ok(Self {
+            path: index.path.clone(),
+            chunks,
+            file,
+            wanted: wanted.to_vec(),
+            next: 0,
+            data: Vec::new(),
+            at: 0,
+        })
     }
 
     /// The next message, `None` after the last.
@@ -71,20 +81,20 @@ impl BagReader {
     fn find(&mut self) -> Result<Option<Found>, FormatError> {
         loop {
             while self.at < self.data.len() {
-                let Some(chunk) = self.next.checked_sub(1).and_then(|current| self.index.chunks.get(current))
+                let Some(chunk) = self.next.checked_sub(1).and_then(|current| self.chunks.get(current))
                 else {
                     break;
                 };
                 let rest = self.data.get(self.at..).unwrap_or_default();
                 let Some((fields, body, after)) = split_record(rest) else {
-                    return Err(chunk.damaged(&self.index.path, "the chunk ends inside a record"));
+                    return Err(chunk.damaged(&self.path, "the chunk ends inside a record"));
                 };
                 let record = self.at;
                 self.at = self.data.len() - after.len();
                 let wanted = fields.u32("conn").filter(|id| self.wanted.contains(id));
                 if let (Some(op::MESSAGE), Some(id)) = (fields.op(), wanted) {
                     let Some(time_ns) = fields.time_ns("time") else {
-                        return Err(chunk.damaged(&self.index.path, "a message in the chunk has no time"));
+                        return Err(chunk.damaged(&self.path, "a message in the chunk has no time"));
                     };
                     let offset = match chunk.compression {
                         Compression::None => chunk.data + record as u64,
@@ -94,8 +104,8 @@ impl BagReader {
                     return Ok(Some(Found { connection: id, time_ns, data, offset }));
                 }
             }
-            let Some(chunk) = self.index.chunks.get(self.next) else { return Ok(None) };
-            chunk.unpack(&mut self.file, &self.index.path, &mut self.data)?;
+            let Some(chunk) = self.chunks.get(self.next) else { return Ok(None) };
+            chunk.unpack(&mut self.file, &self.path, &mut self.data)?;
             self.next += 1;
             self.at = 0;
         }

@@ -39,8 +39,8 @@ impl NaiveMap {
                 };
                 let Some(passed) = ray(scan.origin, end, resolution) else { continue };
                 free.extend(passed);
-                if cut.is_none() && kind != 'm' {
-                    let last = key(end, resolution).unwrap();
+                let last = key(end, resolution).filter(|_| cut.is_none() && kind != 'm');
+                if let Some(last) = last {
                     if kind == 'h' {
                         occupied.insert(last);
                     } else {
@@ -98,7 +98,7 @@ fn ray(origin: [f32; 3], end: [f32; 3], resolution: f64) -> Option<Vec<Key>> {
     }
     loop {
         // The last axis among equals.
-        let axis = (0..3).rev().min_by(|&a, &b| next[a].total_cmp(&next[b])).unwrap();
+        let axis = (0..3).fold(0, |first, axis| if next[axis] <= next[first] { axis } else { first });
         at[axis] = if direction[axis] > 0.0 { at[axis] + 1 } else { at[axis] - 1 };
         next[axis] += every[axis];
         if at == last || next.iter().all(|&t| t > f64::from(length as f32)) {
