@@ -28,9 +28,6 @@ impl Source for Simulator {
     }
 
     fn next_event(&mut self) -> Result<Option<SensorEvent>, StageError> {
-        if let Some(truth) = self.truth.take() {
-            return Ok(Some(SensorEvent::Truth(truth)));
-        }
         let scan_ns = self.walk.next_scan_ns().unwrap_or(i64::MAX);
         // Of a sample and a scan that end together the sample comes first: the scan is then covered at once.
         if self.walk.next_imu_ns().is_some_and(|stamp| stamp <= scan_ns) {
@@ -41,6 +38,10 @@ impl Source for Simulator {
 
     fn point(&mut self, index: usize) -> Point {
         self.points.get(index).copied().unwrap_or_default()
+    }
+
+    fn truth(&self) -> Option<PoseFrame> {
+        self.truth
     }
 
     fn total_scans(&self) -> Option<u64> {

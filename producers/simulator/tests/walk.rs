@@ -199,13 +199,12 @@ fn events_come_in_the_order_of_time_and_only_the_last_of_each_stream_ends_it() {
                 sample.stamp_ns
             }
             SensorEvent::Scan(header) => {
+                let truth = source.truth().unwrap();
+                assert_eq!(truth.frame.end_ns, header.frame.end_ns);
+                truths.push(truth.frame.flags);
                 scans.push(header.frame.flags);
                 assert!(source.point(9_999).offset_ns() == 99_990_000);
                 header.frame.end_ns
-            }
-            SensorEvent::Truth(truth) => {
-                truths.push(truth.frame.flags);
-                truth.frame.end_ns
             }
         };
         assert!(time >= now, "{time} ns after {now} ns");

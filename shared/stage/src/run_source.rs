@@ -40,7 +40,7 @@ pub fn run_source<S: Source>(options: &RunOptions) -> Result<(), RunError> {
     reporter.expect(source.total_scans());
     let pace = match context.mode {
         Mode::Live => Pace::RealTime { rate: context.rate, start: None },
-        Mode::Lossless => Pace::Acknowledged(Acks::open(&bus, context.pipeline.as_ref())?),
+        Mode::Lossless => Pace::Acknowledged(Box::new(Acks::open(&bus, context.pipeline.as_ref())?)),
     };
     let outputs = Outputs::open(&bus, &context)?;
     let mut running = Running { source, outputs, reporter, pace, bus: &bus };
@@ -77,7 +77,6 @@ impl<S: Source> Running<'_, S> {
             }
             match event {
                 SensorEvent::Imu(sample) => self.outputs.imu(sample)?,
-                SensorEvent::Truth(pose) => self.outputs.truth(pose)?,
                 SensorEvent::Scan(header) => self.scan(header)?,
             }
         }
@@ -88,6 +87,9 @@ impl<S: Source> Running<'_, S> {
 
     fn scan(&mut self, header: ScanHeader) -> Result<(), RunError> {
         self.reporter.begin();
+        if let Some(truth) = self.source.truth() {
+            self.outputs.truth(truth)?;
+        }
         let complete_ns = now_ns();
         let header = self.outputs.scan(header, |index| self.source.point(index))?;
         self.reporter.done(&header.frame, complete_ns);
@@ -154,7 +156,6 @@ impl Outputs {
         self.imu(end)
     }
 
-    /// A truth comes before its scan, so that it is there when the scan has passed through the pipeline.
     fn truth(&mut self, mut pose: PoseFrame) -> Result<(), RunError> {
         pose.frame.seq = self.next_seq;
         pose.frame.epoch = self.epoch;
@@ -167,7 +168,7 @@ impl Outputs {
 /// When the next event is due.
 enum Pace {
     RealTime { rate: f64, start: Option<(i64, i64)> },
-    Acknowledged(Acks),
+    Acknowledged(Box<Acks>),
 }
 
 impl Pace {
@@ -177,7 +178,6 @@ impl Pace {
                 let stamp_ns = match event {
                     SensorEvent::Imu(sample) => sample.stamp_ns,
                     SensorEvent::Scan(header) => header.frame.end_ns,
-                    SensorEvent::Truth(pose) => pose.frame.end_ns,
                 };
                 let (first_ns, started_ns) = *start.get_or_insert((stamp_ns, now_ns()));
                 let due_ns = started_ns + ((stamp_ns - first_ns) as f64 / *rate) as i64;

@@ -11,8 +11,6 @@ pub enum SensorEvent {
     /// A scan of `header.points` points, which the run loop then asks for one by one with [`Source::point`], in order,
     /// writing each straight into shared memory.
     Scan(ScanHeader),
-    /// The true pose at a scan's end (simulator only), following its scan.
-    Truth(PoseFrame),
 }
 
 /// A finite stream of sensor data in the order of time (an IMU sample by its stamp, a scan by its end).
@@ -39,6 +37,12 @@ pub trait Source: Sized {
 
     /// Point `index` of the scan that `next_event` has just announced; called once per index, in order.
     fn point(&mut self, index: usize) -> Point;
+
+    /// The true pose at the end of the scan that `next_event` has just announced, where it is known. It is published
+    /// before the scan, so that it is there when the scan has passed through the pipeline.
+    fn truth(&self) -> Option<PoseFrame> {
+        None
+    }
 
     /// Scans in the whole stream, for progress; `None` where it is not known beforehand.
     fn total_scans(&self) -> Option<u64>;

@@ -139,29 +139,6 @@ mod tests {
         assert!(first(START).unwrap() < first(END).unwrap());
     }
 
-    #[test]
-    fn tmpview() {
-        let mut path = Path::new();
-        (0..=4000).for_each(|i| {
-            assert!(path.push([f64::from(i) * 0.1, (f64::from(i) * 0.003).sin() * 80.0 + 100.0, 0.0]))
-        });
-        let mut g = grid(6000, 2500, UNKNOWN);
-        for y in 0..2500i32 {
-            for x in 0..6000i32 {
-                let d = (f64::from(x) * 0.003).sin() * 800.0 + 1000.0 - f64::from(y);
-                g.cells[(y * 6000 + x) as usize] = if d.abs() < 60.0 {
-                    0
-                } else if d.abs() < 63.0 {
-                    100
-                } else {
-                    -1
-                };
-            }
-        }
-        draw(&g, &path, [0.2, 1.8]).write_png("/tmp/big.png".as_ref()).unwrap();
-        draw(&grid(20, 150, FREE), &Path::new(), [0.2, 1.8]).write_png("/tmp/tall.png".as_ref()).unwrap();
-    }
-
     fn pixels(image: &RgbImage) -> impl Iterator<Item = Colour> {
         let (width, height) = (i64::from(image.width()), i64::from(image.height()));
         (0..height).flat_map(move |y| (0..width).filter_map(move |x| image.get(x, y)))

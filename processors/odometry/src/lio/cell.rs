@@ -57,12 +57,22 @@ pub(crate) struct Cell {
     /// Sums of products of deviations: xx, xy, xz, yy, yz, zz.
     scatter: [f64; 6],
     plane: Option<Plane>,
+    /// Uncertainty of the pose that it was first seen from.
+    born: PoseVariance,
+}
+
+/// Variances of a pose: position along the map's axes (m^2) and rotation about any of them (rad^2).
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) struct PoseVariance {
+    pub(crate) position: [f32; 3],
+    pub(crate) rotation: f32,
 }
 
 impl Cell {
-    pub(crate) fn new(key: u64, frame: u32) -> Self {
+    pub(crate) fn new(key: u64, frame: u32, born: PoseVariance) -> Self {
         Self {
             key,
+            born,
             last_used: frame,
             count: 0,
             fitted_at: 0,
@@ -75,6 +85,11 @@ impl Cell {
     /// The plane, if the points lie in one.
     pub(crate) fn plane(&self) -> Option<&Plane> {
         self.plane.as_ref()
+    }
+
+    /// Uncertainty of the pose that it was first seen from: nothing that is matched with it can be better.
+    pub(crate) fn born(&self) -> &PoseVariance {
+        &self.born
     }
 
     /// Adds a point (Welford); a planar cell refuses points off its plane, which live in finer levels.

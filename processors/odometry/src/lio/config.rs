@@ -86,7 +86,9 @@ impl StageConfig for LioConfig {
         ];
         for (key, value, low, high) in ranges {
             if !(low..=high).contains(&value) {
-                return Err(format!("{key} = {value} is outside {low} to {high}; leave the key out for the default"));
+                return Err(format!(
+                    "{key} = {value} is outside {low} to {high}; leave the key out for the default"
+                ));
             }
         }
         Ok(())

@@ -53,7 +53,12 @@ impl ImuTrack {
             }
             self.newest_ns = sample.stamp_ns;
             self.zero_run = if gyro == Vector3::zeros() { self.zero_run.saturating_add(1) } else { 0 };
-            self.readings.push(Reading { stamp_ns: sample.stamp_ns, gyro, accel, held: self.zero_run >= ZERO_RUN });
+            self.readings.push(Reading {
+                stamp_ns: sample.stamp_ns,
+                gyro,
+                accel,
+                held: self.zero_run >= ZERO_RUN,
+            });
             if self.zero_run == ZERO_RUN {
                 let start = self.readings.len().saturating_sub(ZERO_RUN as usize);
                 self.readings.iter_mut().skip(start).for_each(|reading| reading.held = true);

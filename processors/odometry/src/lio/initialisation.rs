@@ -81,7 +81,8 @@ impl Initialiser {
         {
             return Some(standing_start(standstill, config, imu_from_lidar));
         }
-        (self.waited_s >= config.start_timeout_s).then(|| moving_start(&self.mean_force, config, imu_from_lidar))
+        (self.waited_s >= config.start_timeout_s)
+            .then(|| moving_start(&self.mean_force, config, imu_from_lidar))
     }
 
     /// Keeps the mean of the specific force in the present IMU frame, turned along with the gyroscope.

@@ -81,7 +81,11 @@ pub(crate) fn associate(
             let plane_variance = plane.variances[0] / plane.points * leverage;
             let mut variance = point_variance + plane_variance + gate.floor * gate.floor;
             if let Some(predicted) = &predicted {
-                let h = pose_row(&rotation.inverse_transform_vector(&plane.normal), &plane.normal, &candidate.point);
+                let h = pose_row(
+                    &rotation.inverse_transform_vector(&plane.normal),
+                    &plane.normal,
+                    &candidate.point,
+                );
                 variance += h.dot(&(predicted * h));
             }
             if residual * residual < GATE_SQUARED * variance {
@@ -100,13 +104,20 @@ pub(crate) fn associate(
     }
     // One cell's matches side by side; stable order within a cell keeps sums reproducible.
     matches.sort_unstable_by(|a, b| {
-        a.cell.cmp(&b.cell).then_with(|| a.point.x.total_cmp(&b.point.x)).then_with(|| a.point.y.total_cmp(&b.point.y))
+        a.cell
+            .cmp(&b.cell)
+            .then_with(|| a.point.x.total_cmp(&b.point.x))
+            .then_with(|| a.point.y.total_cmp(&b.point.y))
     });
     in_view
 }
 
 /// Derivative of a residual by rotation (right error) and position.
-pub(crate) fn pose_row(normal_in_imu: &Vector3<f64>, normal: &Vector3<f64>, point: &Vector3<f64>) -> SVector<f64, 6> {
+pub(crate) fn pose_row(
+    normal_in_imu: &Vector3<f64>,
+    normal: &Vector3<f64>,
+    point: &Vector3<f64>,
+) -> SVector<f64, 6> {
     let by_rotation = point.cross(normal_in_imu);
     SVector::from([by_rotation.x, by_rotation.y, by_rotation.z, normal.x, normal.y, normal.z])
 }

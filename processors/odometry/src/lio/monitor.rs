@@ -65,7 +65,13 @@ impl Monitor {
     }
 
     /// Takes a frame's report.
-    pub(crate) fn judge(&mut self, report: &Report, degenerate: bool, state: &State, config: &LioConfig) -> Verdict {
+    pub(crate) fn judge(
+        &mut self,
+        report: &Report,
+        degenerate: bool,
+        state: &State,
+        config: &LioConfig,
+    ) -> Verdict {
         let selected = report.selected.max(1) as f64;
         let in_view = report.in_view as f64;
         let share = report.used as f64 / in_view.max(1.0);
@@ -74,10 +80,12 @@ impl Monitor {
             let rate = if report.nis > self.nis { RISE } else { FALL };
             self.nis += rate * (report.nis.min(100.0) - self.nis);
         }
-        let impossible = !(state.velocity.norm() <= config.max_speed_m_s)
-            || !(state.accel_bias.norm() <= LOST_ACCEL_BIAS);
+        let impossible =
+            !(state.velocity.norm() <= config.max_speed_m_s) || !(state.accel_bias.norm() <= LOST_ACCEL_BIAS);
         if self.lost {
-            return self.while_lost(viewed && share > FOUND_SHARE && report.residual < FOUND_RESIDUAL && !impossible);
+            return self.while_lost(
+                viewed && share > FOUND_SHARE && report.residual < FOUND_RESIDUAL && !impossible,
+            );
         }
         let weak = viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };

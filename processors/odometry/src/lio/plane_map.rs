@@ -2,7 +2,7 @@
 
 use evac_geometry::nalgebra::Vector3;
 
-use super::cell::Cell;
+use super::cell::{Cell, PoseVariance};
 
 /// Edges of the levels, metres, coarse to fine. Large planes with thousands of hits come first in the match: their
 /// normals are exact to 1e-4 rad, so a blank wall pulls nothing sideways.
@@ -22,6 +22,7 @@ pub(crate) struct PlaneMap {
     mask: usize,
     hand: usize,
     frame: u32,
+    viewpoint: PoseVariance,
     /// Key and index that each level used last: neighbouring points mostly share a coarse voxel.
     recent: [(u64, usize); EDGES.len()],
     /// Cells given up to stay below the ceiling.
@@ -39,6 +40,7 @@ impl PlaneMap {
             mask: slots - 1,
             hand: 0,
             frame: 0,
+            viewpoint: PoseVariance::default(),
             recent: [(EMPTY, 0); EDGES.len()],
             evicted: 0,
         }
@@ -52,8 +54,9 @@ impl PlaneMap {
         self.hand = 0;
     }
 
-    /// Counts a frame, for the age of cells.
-    pub(crate) fn next_frame(&mut self) {
+    /// Counts a frame, for the age of cells; cells that it creates are seen from a pose of that uncertainty.
+    pub(crate) fn next_frame(&mut self, viewpoint: PoseVariance) {
+        self.viewpoint = viewpoint;
         self.frame = self.frame.saturating_add(1);
     }
 
@@ -62,9 +65,20 @@ impl PlaneMap {
         self.cells.len()
     }
 
-    /// The cell at `index`.
-    pub(crate) fn cell(&self, index: usize) -> Option<&Cell> {
-        self.cells.get(index)
+    /// Mean uncertainty of the poses that these cells were first seen from; `None` of none.
+    pub(crate) fn mean_born(&self, indices: impl Iterator<Item = usize>) -> Option<PoseVariance> {
+        let (mut count, mut position, mut rotation) = (0.0, [0.0; 3], 0.0);
+        for cell in indices.filter_map(|index| self.cells.get(index)) {
+            count += 1.0;
+            for (sum, variance) in position.iter_mut().zip(cell.born().position) {
+                *sum += f64::from(variance);
+            }
+            rotation += f64::from(cell.born().rotation);
+        }
+        (count > 0.0).then(|| PoseVariance {
+            position: position.map(|sum| (sum / count) as f32),
+            rotation: (rotation / count) as f32,
+        })
     }
 
     /// Adds a point at every level.
@@ -110,12 +124,12 @@ impl PlaneMap {
             return self.slots[slot][1] as usize;
         }
         if self.cells.len() < self.max_cells {
-            self.cells.push(Cell::new(key, self.frame));
+            self.cells.push(Cell::new(key, self.frame, self.viewpoint));
             self.slots[slot] = [key, self.cells.len() as u64 - 1];
             return self.cells.len() - 1;
         }
         let index = self.evict();
-        self.cells[index] = Cell::new(key, self.frame);
+        self.cells[index] = Cell::new(key, self.frame, self.viewpoint);
         let slot = self.slot_of(key);
         self.slots[slot] = [key, index as u64];
         index

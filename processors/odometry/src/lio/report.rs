@@ -1,17 +1,17 @@
 //! The pose frame: what the filter knows, in the words of the pipeline.
 
 use evac_frames::{FrameHeader, PoseFrame, TrackingState};
-use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, UnitQuaternion, Vector3};
+use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use evac_geometry::{set_map_from_imu, set_map_from_lidar, skew};
 
+use super::cell::PoseVariance;
 use super::degeneracy::Degeneracy;
 use super::state::{Covariance, State};
 
 /// Observed errors are 1.5 to 2.5 of the filter's own standard deviations (design section 5.7): twice is published.
 const HONESTY: f64 = 2.0;
 
-/// Pose frame of a running filter. `offset_ns` is what the state was propagated with: a correction of the time offset
-/// since then moves the pose along the velocity.
+/// Pose frame of a running filter.
 pub(crate) fn pose_frame(
     frame: &FrameHeader,
     state: &State,
@@ -20,6 +20,7 @@ pub(crate) fn pose_frame(
     degeneracy: &Degeneracy,
     quality: f64,
     tracking: TrackingState,
+    inherited: &PoseVariance,
 ) -> PoseFrame {
     let map_from_imu = state.map_from_imu();
     let mut pose = PoseFrame {
@@ -28,7 +29,7 @@ pub(crate) fn pose_frame(
         gyro_bias: state.gyro_bias.into(),
         accel_bias: state.accel_bias.into(),
         gravity: state.gravity.into(),
-        covariance: lidar_covariance(state, covariance, imu_from_lidar),
+        covariance: lidar_covariance(state, covariance, imu_from_lidar, inherited),
         time_offset_ns: (state.time_offset_s * 1e9) as i64,
         quality: quality as f32,
         degenerate: degeneracy.count as u32,
@@ -63,8 +64,14 @@ pub(crate) fn waiting_frame(
 }
 
 /// Covariance of the LiDAR's pose with rotation about the map's axes, row-major: with lever arm `t`,
-/// `dp_lidar = dp - R [t]x dtheta` and `dphi = R dtheta`.
-fn lidar_covariance(state: &State, covariance: &Covariance, imu_from_lidar: &Isometry3<f64>) -> [f64; 36] {
+/// `dp_lidar = dp - R [t]x dtheta` and `dphi = R dtheta`. The filter takes the map for exact; what the map `inherited` from the
+/// poses that it was seen from comes on top.
+pub(crate) fn lidar_covariance(
+    state: &State,
+    covariance: &Covariance,
+    imu_from_lidar: &Isometry3<f64>,
+    inherited: &PoseVariance,
+) -> [f64; 36] {
     let rotation = state.rotation.to_rotation_matrix();
     let mut jacobian = SMatrix::<f64, 6, 6>::zeros();
     let lever = -(rotation.matrix() * skew(&imu_from_lidar.translation.vector));
@@ -73,6 +80,9 @@ fn lidar_covariance(state: &State, covariance: &Covariance, imu_from_lidar: &Iso
     jacobian.fixed_view_mut::<3, 3>(3, 0).copy_from(rotation.matrix());
     let pose: SMatrix<f64, 6, 6> = covariance.fixed_view::<6, 6>(0, 0).into_owned();
     let lidar = jacobian * pose * jacobian.transpose() * HONESTY.powi(2);
+    let [x, y, z] = inherited.position.map(f64::from);
+    let rotation = f64::from(inherited.rotation);
+    let lidar = lidar + SMatrix::from_diagonal(&SVector::from([x, y, z, rotation, rotation, rotation]));
     let mut row_major = [0.0; 36];
     for (i, value) in row_major.iter_mut().enumerate() {
         *value = lidar[(i / 6, i % 6)];

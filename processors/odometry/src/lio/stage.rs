@@ -5,6 +5,7 @@ use evac_geometry::log_so3;
 use evac_geometry::nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu, Stage, StageConfig, StageError};
 
+use super::cell::PoseVariance;
 use super::config::LioConfig;
 use super::correction::{Report, correct};
 use super::degeneracy::Degeneracy;
@@ -15,7 +16,7 @@ use super::matching::{Gate, Match, Selected, select};
 use super::monitor::{Monitor, Verdict};
 use super::plane_map::PlaneMap;
 use super::propagation::{Noise, TracePoint, propagate};
-use super::report::{pose_frame, waiting_frame};
+use super::report::{lidar_covariance, pose_frame, waiting_frame};
 use super::state::{Covariance, State, add_variance, at};
 
 /// Most points that go to the match and most that a frame is taken to have: 1000 in the match are enough.
@@ -98,6 +99,8 @@ struct Filter {
     degeneracy: Degeneracy,
     frame: u32,
     settling: Option<Settling>,
+    /// Uncertainty that the map in view was laid with.
+    inherited: PoseVariance,
 }
 
 /// Scan-to-scan tracking until the velocity is known well enough to lay a map: after a start in motion and after a loss
@@ -162,7 +165,12 @@ impl Lio {
             if gap_s <= 0.0 {
                 // A frame from the past changes nothing.
                 counters.late += 1;
-                return filter.published(frame, &self.imu_from_lidar, &Report::default(), TrackingState::Lost);
+                return filter.published(
+                    frame,
+                    &self.imu_from_lidar,
+                    &Report::default(),
+                    TrackingState::Lost,
+                );
             }
         }
         self.previous_end_ns = Some(frame.end_ns);
@@ -212,8 +220,10 @@ impl Lio {
             degeneracy: Degeneracy::default(),
             frame: 0,
             settling: (!start.standing).then_some(Settling { frames_left: SETTLING_FRAMES, starting: true }),
+            inherited: PoseVariance::default(),
         };
-        filter.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = (self.config.time_offset_sigma_ms * 1e-3).powi(2);
+        filter.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] =
+            (self.config.time_offset_sigma_ms * 1e-3).powi(2);
         add_variance(&mut filter.covariance, at::GYRO_SCALE, self.config.gyro_scale_sigma.powi(2));
         let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
         for point in &self.still {
@@ -222,7 +232,12 @@ impl Lio {
         self.still = Vec::new();
         self.track.forget_before(filter.stamp_ns);
         let pose = if start.standing {
-            filter.published(&input.header.frame, &self.imu_from_lidar, &Report::full(), TrackingState::Tracking)
+            filter.published(
+                &input.header.frame,
+                &self.imu_from_lidar,
+                &Report::full(),
+                TrackingState::Tracking,
+            )
         } else {
             waiting_frame(&input.header.frame, &start.state.rotation, &self.imu_from_lidar)
         };
@@ -257,8 +272,7 @@ impl Lio {
         self.track.forget_before(end_ns);
 
         let deskewed = input.header.scan_flags & scan_flags::DESKEWED != 0;
-        let mut deskew =
-            (!deskewed).then(|| Deskew::new(&self.trace, &filter.state, &self.imu_from_lidar));
+        let mut deskew = (!deskewed).then(|| Deskew::new(&self.trace, &filter.state, &self.imu_from_lidar));
         self.points.clear();
         for point in input.points.iter().take(MAX_POINTS) {
             let Some(position) = valid(point, &self.config) else {
@@ -271,13 +285,12 @@ impl Lio {
         let stride = (self.config.point_stride as usize).max(self.points.len().div_ceil(MAX_SELECTED));
         self.selected.clear();
         let first = filter.frame as usize % stride;
-        self.selected
-            .extend(self.points.iter().skip(first).step_by(stride).map(|point| select(&self.imu_from_lidar, point)));
+        self.selected.extend(
+            self.points.iter().skip(first).step_by(stride).map(|point| select(&self.imu_from_lidar, point)),
+        );
 
-        let gate = Gate {
-            range_noise: self.config.range_noise_m,
-            floor: if loose { LOOSE_GATE } else { 0.0 },
-        };
+        let gate =
+            Gate { range_noise: self.config.range_noise_m, floor: if loose { LOOSE_GATE } else { 0.0 } };
         let rate = self.trace.last().map_or(filter.rate, |last| last.rate);
         let report = correct(
             &self.map,
@@ -295,7 +308,6 @@ impl Lio {
             filter.loosen();
         }
         if let Some(settling) = filter.settling {
-            eprintln!("settle {} v {:.2?} g {:.2?} p {:.3?} euler {:.3?} bg {:.4?} used {}/{}/{} deg {} pg {:.3} {:.3} {:.3} pv {:.3} {:.3}", settling.frames_left, filter.state.velocity.as_slice(), filter.state.gravity.as_slice(), filter.state.position.as_slice(), filter.state.rotation.euler_angles(), filter.state.gyro_bias.as_slice(), report.used, report.in_view, report.selected, filter.degeneracy.count, filter.covariance[(16,16)].sqrt(), filter.covariance[(17,17)].sqrt(), filter.covariance[(18,18)].sqrt(), filter.covariance[(7,7)].sqrt(), filter.covariance[(8,8)].sqrt());
             return self.settle(frame, settling, &before.0, gap_s);
         }
         let verdict = filter.monitor.judge(&report, filter.degenerate, &filter.state, &self.config);
@@ -316,7 +328,10 @@ impl Lio {
             }
         }
         filter.rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
-        self.map.next_frame();
+        if let Some(inherited) = self.map.mean_born(self.matches.iter().map(|matched| matched.cell)) {
+            filter.inherited = inherited;
+        }
+        self.map.next_frame(filter.viewpoint(&self.imu_from_lidar));
         if matches!(verdict, Verdict::Good | Verdict::Restart) {
             insert_all(&mut self.map, &(filter.state.map_from_imu() * self.imu_from_lidar), &self.points);
         }
@@ -339,7 +354,7 @@ impl Lio {
         if settling.frames_left <= 1 || settling.frames_left % SETTLING_REFRESH == 0 {
             self.map.clear();
         }
-        self.map.next_frame();
+        self.map.next_frame(PoseVariance::default());
         // A displacement between smeared scans is no measure of acceleration or rate: gravity and biases must not follow it.
         if settling.frames_left > SETTLING_REFRESH {
             add_variance(&mut filter.covariance, at::VELOCITY, SMEARED_VELOCITY.powi(2));
@@ -349,7 +364,8 @@ impl Lio {
             insert_all(&mut self.map, &(filter.state.map_from_imu() * self.imu_from_lidar), &self.points);
             filter.settling = Some(Settling { frames_left: settling.frames_left - 1, ..settling });
             if settling.starting {
-                let up = upright(&(filter.state.rotation.inverse() * -filter.state.gravity), &self.imu_from_lidar);
+                let up =
+                    upright(&(filter.state.rotation.inverse() * -filter.state.gravity), &self.imu_from_lidar);
                 return waiting_frame(frame, &up, &self.imu_from_lidar);
             }
             return filter.published(frame, &self.imu_from_lidar, &Report::default(), TrackingState::Lost);
@@ -394,7 +410,8 @@ impl Filter {
 
     /// After a loss: what was believed is believed less.
     fn loosen(&mut self) {
-        let position: Matrix3<f64> = self.covariance.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
+        let position: Matrix3<f64> =
+            self.covariance.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
         let sigma = position.symmetric_eigenvalues().max().max(0.0).sqrt() + LOST_POSITION;
         add_variance(&mut self.covariance, at::POSITION, sigma * sigma);
         add_variance(&mut self.covariance, at::ROTATION, LOST_ROTATION.powi(2));
@@ -413,6 +430,16 @@ impl Filter {
         }
     }
 
+    /// Uncertainty that cells get which are first seen from here.
+    fn viewpoint(&self, imu_from_lidar: &Isometry3<f64>) -> PoseVariance {
+        let covariance = lidar_covariance(&self.state, &self.covariance, imu_from_lidar, &self.inherited);
+        let variance = |i: usize| covariance[7 * i] as f32;
+        PoseVariance {
+            position: [variance(0), variance(1), variance(2)],
+            rotation: variance(3).max(variance(4)).max(variance(5)),
+        }
+    }
+
     fn is_finite(&self) -> bool {
         self.state.is_finite() && self.covariance.iter().all(|x| x.is_finite())
     }
@@ -425,7 +452,16 @@ impl Filter {
         tracking: TrackingState,
     ) -> PoseFrame {
         let quality = report.used as f64 / report.selected.max(1) as f64;
-        pose_frame(frame, &self.state, &self.covariance, imu_from_lidar, &self.degeneracy, quality, tracking)
+        pose_frame(
+            frame,
+            &self.state,
+            &self.covariance,
+            imu_from_lidar,
+            &self.degeneracy,
+            quality,
+            tracking,
+            &self.inherited,
+        )
     }
 }
 

@@ -26,6 +26,7 @@ pub(super) struct BagScans {
     first_ns: i64,
     /// Length of the scan before, for the last one.
     length_ns: i64,
+    last_end_ns: i64,
     total: u64,
 }
 
@@ -50,7 +51,15 @@ impl BagScans {
             tracing::warn!("{file}: points on {name} carry no time; they are spread evenly over each scan");
             length_ns = Messages::open(index, &topic)?.usual_spacing(length_ns)?;
         }
-        Ok(Self { messages, ahead, spare: Cloud::default(), first_ns, length_ns, total: topic.messages })
+        Ok(Self {
+            messages,
+            ahead,
+            spare: Cloud::default(),
+            first_ns,
+            length_ns,
+            last_end_ns: 0,
+            total: topic.messages,
+        })
     }
 
     pub(super) fn first_ns(&self) -> i64 {
@@ -84,7 +93,10 @@ impl ScanStream for BagScans {
         };
         self.length_ns = length;
         let flags = if more { 0 } else { frame_flags::END_OF_STREAM };
-        let (start_ns, end_ns) = (cloud.start_ns, cloud.start_ns + length);
+        let start_ns = cloud.start_ns;
+        // Clouds of a driver that stamps by arrival may overlap; ends rise all the same.
+        let end_ns = (start_ns + length).max(self.last_end_ns);
+        self.last_end_ns = end_ns;
         header.frame = FrameHeader { start_ns, end_ns, flags, ..FrameHeader::default() };
         std::mem::swap(points, &mut cloud.points);
         (self.ahead, self.spare) = if more { (Some(next), cloud) } else { (None, cloud) };
@@ -171,10 +183,10 @@ fn parse(
 }
 
 /// From the first point to one point after the last; or to the next scan where that is about the same, since a recorder
-/// that leaves out shots without return moves the last point.
+/// that leaves out shots without return moves the last point, or sooner.
 fn measured_length(last_ns: i64, points: usize, to_next: i64) -> i64 {
     let length = last_ns + last_ns / (points as i64 - 1).max(1);
-    if to_next >= last_ns && (to_next - length).abs() <= length / 20 { to_next } else { length }
+    if to_next >= last_ns && to_next <= length + length / 20 { to_next } else { length }
 }
 
 /// The time to the next cloud; the length of the clouds before where one is missing between, or none follows.
@@ -191,6 +203,7 @@ mod tests {
         assert_eq!(measured_length(99_990_000, 10_000, 200_000_000), 100_000_000);
         assert_eq!(measured_length(99_900_000, 9_000, 100_000_000), 100_000_000);
         assert_eq!(measured_length(99_990_000, 10_000, 99_000_000), 100_000_000);
+        assert_eq!(measured_length(90_000_000, 2, 100_000_000), 100_000_000);
         assert_eq!(measured_length(0, 1, 100_000_000), 0);
         assert_eq!(measured_length(0, 0, 100_000_000), 0);
     }

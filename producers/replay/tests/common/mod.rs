@@ -100,7 +100,6 @@ pub(crate) fn tell(config: Config, keep: usize) -> Told {
                 told.scans.push(header);
                 header.frame.end_ns
             }
-            SensorEvent::Truth(_) => panic!("a recording knows no truth"),
         };
         assert!(at >= time, "events go back from {time} to {at}");
         time = at;

@@ -18,9 +18,9 @@ fn record(folder: &Path, rig: &Rig) -> (Vec<Vec<Point>>, Vec<ImuSample>, Vec<Pos
         match event {
             SensorEvent::Imu(sample) => imu.push(sample),
             SensorEvent::Scan(header) => {
+                truth.extend(simulator.truth());
                 scans.push((0..header.points as usize).map(|index| simulator.point(index)).collect());
             }
-            SensorEvent::Truth(pose) => truth.push(pose),
         }
     }
     (scans, imu, truth)

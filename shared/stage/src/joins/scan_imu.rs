@@ -104,7 +104,8 @@ where
         let (scan, _) = self.held.front()?;
         let frame = scan.header().frame;
         let covered = self.imu_ended || self.imu.last().is_some_and(|last| last.stamp_ns >= frame.end_ns);
-        if !(covered && self.prior_is_here(&frame)) && !waited_too_long {
+        let complete = covered && self.prior_is_here(&frame);
+        if !(complete || waited_too_long) {
             return None;
         }
         let (scan, _) = self.held.pop_front()?;
@@ -134,7 +135,10 @@ impl<S: FrameService<Header = ScanHeader>, const PRIOR: bool> ScanImuJoin<S, PRI
     fn take_imu(&mut self, sample: ImuSample, reporter: &mut Reporter) {
         if sample.flags & frame_flags::END_OF_STREAM != 0 {
             self.imu_ended = true;
-            return;
+            // The mark may come on the last sample itself or on a copy of it.
+            if self.imu.last().is_some_and(|last| sample.stamp_ns <= last.stamp_ns) {
+                return;
+            }
         }
         let Some(gap) = self.imu_seq.gap(sample.seq) else { return };
         reporter.input.imu_lost += gap;

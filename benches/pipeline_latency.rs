@@ -1,0 +1,187 @@
+//! From a frame's last point to its pose, through the real processes of a live pipeline, and how much of it is IPC and
+//! scheduling. See benches/README.md for what is timed.
+#![allow(clippy::expect_used)] // criterion's closures cannot return errors
+
+mod support;
+
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::{Child, Command};
+use std::time::Duration;
+
+use anyhow::{Context as _, anyhow};
+use criterion::{Criterion, SamplingMode};
+use evac_config::Pipeline;
+use evac_ports::services::OdometryPose;
+use evac_ports::{Bus, Domain, Listener, RecordSubscriber, Wake, now_ns, quiet_middleware, wait_on};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use toml::Value as Toml;
+
+use crate::support::{Distribution, print_heading};
+
+/// What `evac up` runs with the simulator: live, in real time.
+const PIPELINE: &str = include_str!("../launch/pipelines/simulated.toml");
+const EVAC: &str = env!("CARGO_BIN_EXE_evac");
+/// A pipeline that gives no pose for this long is broken; its start is in it.
+const PATIENCE_NS: i64 = 30_000_000_000;
+
+fn main() -> anyhow::Result<()> {
+    quiet_middleware(true);
+    let mut criterion = Criterion::default().configure_from_args();
+    let mut times = Distribution::default();
+    let mut running = None;
+    // Criterion does not call this for `--list` or where a filter leaves it out: then nothing is started.
+    let mut group = criterion.benchmark_group("pipeline");
+    group
+        .sampling_mode(SamplingMode::Flat)
+        .sample_size(20)
+        // The walker stands for three seconds, in which the odometry initialises.
+        .warm_up_time(Duration::from_secs(4))
+        .measurement_time(Duration::from_secs(20));
+    group.bench_function("last point to pose", |bencher| {
+        let (_, poses) = running.get_or_insert_with(|| start().expect("the pipeline should start"));
+        bencher.iter_custom(|frames| {
+            let total_ns = poses.take(frames, &mut times).expect("poses should come");
+            Duration::from_nanos(total_ns.unsigned_abs())
+        });
+    });
+    group.finish();
+    criterion.final_summary();
+    let Some((pipeline, poses)) = running else { return Ok(()) };
+    let status = pipeline.status()?;
+    // Leaves the domain before the launcher removes it.
+    drop(poses);
+    drop(pipeline);
+    print(&times, &status)
+}
+
+/// The subscriber comes first, so that it misses nothing.
+fn start() -> anyhow::Result<(Running, Poses)> {
+    let domain = Domain::new(&format!("bench-latency-{}", std::process::id()))?;
+    let poses = Poses::open(&domain)?;
+    Ok((Running::start(domain)?, poses))
+}
+
+/// A consumer of poses, as a robot's controller would be.
+struct Poses {
+    port: RecordSubscriber<OdometryPose>,
+    listeners: [Listener; 1],
+    _bus: Bus,
+}
+
+impl Poses {
+    fn open(domain: &Domain) -> anyhow::Result<Self> {
+        let bus = Bus::join(domain, "bench")?;
+        let (port, listener) = RecordSubscriber::open(&bus)?;
+        Ok(Self { port, listeners: [listener], _bus: bus })
+    }
+
+    /// Waits for the next `count` poses; the sum of their latencies, each from the frame's last point to the pose in this
+    /// process, nanoseconds.
+    fn take(&self, count: u64, times: &mut Distribution) -> anyhow::Result<i64> {
+        // What came while nobody waited would be measured too long.
+        while self.port.receive()?.is_some() {}
+        let (mut left, mut total_ns) = (count, 0);
+        let mut last_news_ns = now_ns();
+        let mut look = || -> anyhow::Result<bool> {
+            while let Some(pose) = self.port.receive()? {
+                last_news_ns = now_ns();
+                let latency_ns = last_news_ns - pose.frame.arrival_ns;
+                times.record(latency_ns);
+                total_ns += latency_ns;
+                left -= 1;
+                if left == 0 {
+                    return Ok(true);
+                }
+            }
+            anyhow::ensure!(now_ns() - last_news_ns < PATIENCE_NS, "no pose comes");
+            Ok(false)
+        };
+        wait_on(&self.listeners, |wake| match (wake, look()) {
+            (Wake::Stop, _) => ControlFlow::Break(Err(anyhow!("interrupted"))),
+            (_, Err(error)) => ControlFlow::Break(Err(error)),
+            (_, Ok(true)) => ControlFlow::Break(Ok(())),
+            (_, Ok(false)) => ControlFlow::Continue(Duration::from_secs(1)),
+        })??;
+        Ok(total_ns)
+    }
+}
+
+/// A pipeline under its launcher; dropping it stops all its processes.
+struct Running {
+    launcher: Child,
+    domain: Domain,
+    _folder: tempfile::TempDir,
+}
+
+impl Running {
+    fn start(domain: Domain) -> anyhow::Result<Self> {
+        let folder = tempfile::tempdir()?;
+        let mut pipeline = Pipeline::parse(Path::new("simulated.toml"), PIPELINE)?;
+        for stage in pipeline.stages.iter_mut().filter(|stage| stage.config.contains_key("output_dir")) {
+            let output = folder.path().to_str().context("the folder for results has no UTF-8 name")?;
+            stage.config.insert("output_dir".to_owned(), Toml::from(output));
+        }
+        let file = folder.path().join("pipeline.toml");
+        std::fs::write(&file, toml::to_string(&pipeline)?)?;
+        let launcher = Command::new(EVAC)
+            .arg("up")
+            .arg(&file)
+            .args(["--domain", domain.name()])
+            .spawn()
+            .with_context(|| format!("{EVAC} cannot be started"))?;
+        Ok(Self { launcher, domain, _folder: folder })
+    }
+
+    /// What `evac status --json` says about each stage.
+    fn status(&self) -> anyhow::Result<Value> {
+        let output =
+            Command::new(EVAC).args(["status", "--json", "--domain", self.domain.name()]).output()?;
+        anyhow::ensure!(output.status.success(), "evac status: {}", String::from_utf8_lossy(&output.stderr));
+        let mut status: Value = serde_json::from_slice(&output.stdout)?;
+        Ok(status["stages"].take())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(pid) = i32::try_from(self.launcher.id()).ok().and_then(Pid::from_raw) {
+            // It may have ended by itself; either way it is reaped here.
+            let _ = kill_process(pid, Signal::TERM);
+        }
+        let _ = self.launcher.wait();
+    }
+}
+
+fn print(times: &Distribution, stages: &Value) -> anyhow::Result<()> {
+    print_heading("live pipeline at 10 Hz");
+    if let Some(summary) = times.summary() {
+        println!("{:<34} {summary}", "last point to pose in a consumer");
+    }
+    for (name, stage) in stages.as_object().context("evac status names no stages")? {
+        for (what, latency) in stage["latency"].as_object().into_iter().flatten() {
+            let us = |key: &str| latency[key].as_f64().unwrap_or(f64::NAN) * 1e3;
+            println!(
+                "{:<34} {:>10.1} {:>10.1} {:>10.1} {:>8}",
+                format!("  {name} {what}"),
+                us("p50_ms"),
+                us("p99_ms"),
+                us("max_ms"),
+                latency["count"]
+            );
+        }
+    }
+    let p50_ms = |stage: &str, what: &str| {
+        stages[stage]["latency"][what]["p50_ms"].as_f64().with_context(|| format!("no {what} of {stage}"))
+    };
+    let to_pose = p50_ms("lio", "end_to_end")?;
+    let ipc = p50_ms("deskewer", "ipc")? + p50_ms("lio", "ipc")?;
+    let compute = p50_ms("deskewer", "compute")? + p50_ms("lio", "compute")?;
+    println!(
+        "medians from last point to pose: {to_pose:.3} ms; computing {compute:.3} ms; \
+         IPC and scheduling of both hops {ipc:.3} ms, a share of {:.1} %",
+        100.0 * ipc / to_pose
+    );
+    Ok(())
+}
