@@ -1,5 +1,5 @@
 //! A harness for the `evac` command: real processes, a domain and a folder of its own for each test, a watchdog on each.
-#![allow(dead_code, clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
+#![allow(dead_code, clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, unreachable_pub)]
 
 use std::io::Read as _;
 use std::path::{Path, PathBuf};

@@ -1,12 +1,12 @@
 //! How high the ground is, everywhere in the plan.
 //!
-//! The walk starts on a storey. From there the ground's height is followed block by block, nearest blocks first: a block
-//! takes the median of its ground voxels within one step of the height of the block it was reached from; without any,
-//! that of the sensor's path less the sensor's height; without that, the height it was reached from. So each place has
-//! one height, slopes and slow drift are followed, and a storey above or below that is seen later in the walk, up a
-//! stairwell for example, changes nothing where this one is.
-
-use std::collections::VecDeque;
+//! First the sensor's path is followed in time: each block it enters gets the height of the ground seen there within one
+//! step below the sensor, or without any the path's height less the sensor's. Where the path comes to lie a storey above
+//! or below what it has passed close by, it has left the plan's storey and counts no more until it is back on it. From
+//! these blocks the height spreads, nearest first, to blocks with ground within one step of the block they are reached
+//! from, which take its median; then to all others, which without ground of their own take the height of the block they
+//! are reached from. So each place has one height, stairs, slopes and slow drift are followed, and a storey above or
+//! below that is seen later changes nothing where this one is.
 
 use crate::columns::Columns;
 use crate::config::GridExporterConfig;
@@ -20,6 +20,10 @@ const HEIGHT_SAMPLES: usize = 2000;
 const MIN_HEIGHT_SAMPLES: usize = 5;
 /// Ground within this distance of the path is below the sensor, metres.
 const BELOW_M: f64 = 0.3;
+/// A path this much above or below ...
+const STOREY_GAP_M: f64 = 2.0;
+/// ... itself within this distance is on another storey, metres: stairs up to 45 degrees rise less.
+const STOREY_REACH_M: f64 = 2.0;
 /// The sensor is held between these heights, metres.
 const SENSOR_HEIGHTS_M: [f64; 2] = [0.15, 3.0];
 
@@ -30,17 +34,31 @@ pub(crate) struct Area {
     pub(crate) size: [u32; 2],
 }
 
+/// What heights are taken from.
+struct Ground<'a> {
+    columns: &'a Columns,
+    resolution: f64,
+    max_step: f64,
+}
+
+/// What a block without ground of its own does.
+#[derive(Debug, Clone, Copy)]
+enum Otherwise {
+    Wait,
+    TakeExpected,
+}
+
 /// Height of the ground by block.
 #[derive(Default)]
 pub(crate) struct Floor {
     block_cells: i32,
+    max_step: f64,
     low: [i32; 2],
     size: [i32; 2],
-    levels: Vec<f64>,
-    visited: Vec<bool>,
-    queue: VecDeque<[i32; 2]>,
+    levels: Vec<Option<f64>>,
+    /// Blocks that have their height, in the order in which they got it.
+    assigned: Vec<[i32; 2]>,
     samples: Vec<f64>,
-    path_levels: Vec<(usize, f64)>,
 }
 
 /// Centre of voxel `cell`, metres.
@@ -71,25 +89,36 @@ impl Floor {
         });
         let blocks = self.size.iter().product::<i32>() as usize;
         self.levels.clear();
-        self.levels.resize(blocks, 0.0);
-        self.visited.clear();
-        self.visited.resize(blocks, false);
+        self.levels.resize(blocks, None);
 
         let sensor_height = self.sensor_height(columns, path, resolution).unwrap_or(config.sensor_height_m);
-        self.collect_path_levels(path, resolution, sensor_height);
-        let start = path.points().next();
-        let (block, level) = match start {
-            Some([x, y, z]) => (self.block_at(x, y, resolution), z - sensor_height),
-            None => ([0, 0], -sensor_height),
-        };
-        self.spread(columns, resolution, block, level, config.max_step_m);
+        let ground = Ground { columns, resolution, max_step: config.max_step_m };
+        self.max_step = config.max_step_m;
+        self.assigned.clear();
+        self.follow(&ground, path, sensor_height);
+        if self.assigned.is_empty() {
+            // The path lies outside of all that was seen.
+            let start = path.points().next().map_or(0.0, |[_, _, z]| z);
+            self.assign(&ground, [0, 0], start - sensor_height, Otherwise::TakeExpected);
+        }
+        self.spread(&ground, Otherwise::Wait);
+        self.spread(&ground, Otherwise::TakeExpected);
     }
 
-    /// Height of the ground under a cell, metres.
+    /// Height of the ground under a cell, metres: between the centres of blocks of one storey it changes steadily.
     pub(crate) fn at(&self, x: i32, y: i32) -> f64 {
-        let block = [x, y].map(|cell| cell.div_euclid(self.block_cells));
-        let index = self.index([block[0] - self.low[0], block[1] - self.low[1]]);
-        index.and_then(|index| self.levels.get(index)).copied().unwrap_or_default()
+        let size = f64::from(self.block_cells);
+        let [u, v] = [(x, self.low[0]), (y, self.low[1])]
+            .map(|(cell, low)| (f64::from(cell) + 0.5) / size - f64::from(low) - 0.5);
+        let own = self.level([u.round() as i32, v.round() as i32]).unwrap_or_default();
+        let (x0, y0) = (u.floor() as i32, v.floor() as i32);
+        let (share_x, share_y) = (u - u.floor(), v - v.floor());
+        let corner = |dx: i32, dy: i32| {
+            let level = self.level([x0 + dx, y0 + dy]);
+            level.filter(|level| (level - own).abs() <= self.max_step).unwrap_or(own)
+        };
+        let along_x = |dy: i32| corner(0, dy) * (1.0 - share_x) + corner(1, dy) * share_x;
+        along_x(0) * (1.0 - share_y) + along_x(1) * share_y
     }
 
     /// Median height of the path above the ground seen below it.
@@ -115,60 +144,74 @@ impl Floor {
         if self.samples.len() < MIN_HEIGHT_SAMPLES { None } else { median(&mut self.samples) }
     }
 
-    fn collect_path_levels(&mut self, path: &Path, resolution: f64, sensor_height: f64) {
-        let mut levels = std::mem::take(&mut self.path_levels);
-        levels.clear();
-        levels.extend(
-            path.points().filter_map(|[x, y, z]| {
-                Some((self.index(self.block_at(x, y, resolution))?, z - sensor_height))
-            }),
-        );
-        levels.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        self.path_levels = levels;
-    }
-
-    /// Breadth first from the start's block.
-    fn spread(&mut self, columns: &Columns, resolution: f64, start: [i32; 2], level: f64, max_step: f64) {
-        self.queue.clear();
-        self.visit(columns, resolution, start, level, max_step);
-        while let Some(block) = self.queue.pop_front() {
-            let level = self.index(block).and_then(|index| self.levels.get(index)).copied().unwrap_or(level);
-            for [dx, dy] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
-                self.visit(columns, resolution, [block[0] + dx, block[1] + dy], level, max_step);
+    /// Gives the path's blocks their heights, in the order of time.
+    fn follow(&mut self, ground: &Ground<'_>, path: &Path, sensor_height: f64) {
+        let mut on_storey = true;
+        for [x, y, z] in path.points() {
+            let block = self.block_at(x, y, ground.resolution);
+            let floor = z - sensor_height;
+            match self.level(block) {
+                Some(level) if on_storey => on_storey = (floor - level).abs() <= STOREY_GAP_M,
+                Some(level) => on_storey = (floor - level).abs() <= ground.max_step,
+                None if on_storey => {
+                    on_storey = self.is_one_storey(block, floor, ground.resolution);
+                    if on_storey {
+                        self.assign(ground, block, floor, Otherwise::TakeExpected);
+                    }
+                }
+                None => {}
             }
         }
     }
 
-    fn visit(&mut self, columns: &Columns, resolution: f64, block: [i32; 2], inherited: f64, max_step: f64) {
-        let Some(index) = self.index(block) else { return };
-        let Some(visited) = self.visited.get_mut(index) else { return };
-        if std::mem::replace(visited, true) {
-            return;
+    /// Whether no block close by has its ground a storey higher or deeper.
+    fn is_one_storey(&self, [x, y]: [i32; 2], floor: f64, resolution: f64) -> bool {
+        let reach = (STOREY_REACH_M / (f64::from(self.block_cells) * resolution)).round() as i32;
+        let mut around = (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| [x + dx, y + dy]));
+        around.all(|block| self.level(block).is_none_or(|level| (floor - level).abs() <= STOREY_GAP_M))
+    }
+
+    /// Breadth first from all blocks that have their height.
+    fn spread(&mut self, ground: &Ground<'_>, otherwise: Otherwise) {
+        let mut next = 0;
+        while let Some([x, y]) = self.assigned.get(next).copied() {
+            next += 1;
+            let level = self.level([x, y]).unwrap_or_default();
+            for [dx, dy] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
+                self.assign(ground, [x + dx, y + dy], level, otherwise);
+            }
         }
-        let near = |height: f64| (height - inherited).abs() <= max_step;
+    }
+
+    /// Gives a block that has none its height: the median of its ground within a step of `expected`.
+    fn assign(&mut self, ground: &Ground<'_>, block: [i32; 2], expected: f64, otherwise: Otherwise) {
+        let Some(index) = self.index(block).filter(|_| self.level(block).is_none()) else { return };
+        let [x0, y0] = [0, 1].map(|axis: usize| (self.low[axis] + block[axis]) * self.block_cells);
         self.samples.clear();
-        let (x0, y0) =
-            ((self.low[0] + block[0]) * self.block_cells, (self.low[1] + block[1]) * self.block_cells);
         for (y, x) in
             (y0..y0 + self.block_cells).flat_map(|y| (x0..x0 + self.block_cells).map(move |x| (y, x)))
         {
-            columns.column(x, y).for_each_ground(|ground| {
-                let height = centre(ground, resolution);
-                if near(height) {
+            ground.columns.column(x, y).for_each_ground(|cell| {
+                let height = centre(cell, ground.resolution);
+                if (height - expected).abs() <= ground.max_step {
                     self.samples.push(height);
                 }
             });
         }
-        if self.samples.is_empty() {
-            let from = self.path_levels.partition_point(|(at, _)| *at < index);
-            let here = self.path_levels.iter().skip(from).take_while(|(at, _)| *at == index);
-            self.samples.extend(here.map(|(_, height)| *height).filter(|height| near(*height)));
-        }
-        let level = median(&mut self.samples).unwrap_or(inherited);
+        let level = match (median(&mut self.samples), otherwise) {
+            (Some(median), _) => median,
+            (None, Otherwise::TakeExpected) => expected,
+            (None, Otherwise::Wait) => return,
+        };
         if let Some(slot) = self.levels.get_mut(index) {
-            *slot = level;
+            *slot = Some(level);
+            self.assigned.push(block);
         }
-        self.queue.push_back(block);
+    }
+
+    /// The height of a block; `None` outside, and where it has none yet.
+    fn level(&self, block: [i32; 2]) -> Option<f64> {
+        self.levels.get(self.index(block)?).copied()?
     }
 
     fn block_at(&self, x: f64, y: f64, resolution: f64) -> [i32; 2] {

@@ -261,6 +261,36 @@ fn a_storey_seen_later_changes_nothing_where_the_first_one_is() {
 }
 
 #[test]
+fn a_stair_that_was_climbed_is_free_and_the_floor_beside_it_stays_on_the_plan() {
+    // A corridor from x = -1 to 10; from 4 to 7.4 m, at y < 0, a flight of ten steps to a landing from 7.4 m on.
+    let tread = |x: f64| if x < 4.0 { 0.0 } else { (((x - 4.0) / 0.34).floor() + 1.0).min(10.0) * 0.17 };
+    let mut voxels = Vec::new();
+    for (x, y) in steps(-1.0, 10.0).flat_map(|x| steps(-1.5, 1.5).map(move |y| (x, y))) {
+        if y.abs() > 1.4 {
+            wall(&mut voxels, x, y, -SENSOR_HEIGHT);
+        } else if y < 0.0 && tread(x) > 0.0 {
+            // A stair is no ground to the mapper: its treads are occupied voxels.
+            voxels.push(voxel(x, y, tread(x) - SENSOR_HEIGHT - 0.01, OCCUPIED_VALUE, voxel_flags::KNOWN));
+            let above = steps(0.1, 2.6).map(|above| tread(x) - SENSOR_HEIGHT - 0.01 + above);
+            voxels.extend(above.map(|z| voxel(x, y, z, FREE_VALUE, voxel_flags::KNOWN)));
+        } else {
+            column(&mut voxels, x, y, -SENSOR_HEIGHT, |_| false);
+        }
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.0, -0.7, 0.0], [3.9, -0.7, 0.0], &voxels);
+    bench.walk([3.9, -0.7, 0.0], [7.3, -0.7, 1.7], &[]);
+    bench.walk([7.3, -0.7, 1.7], [9.0, -0.7, 1.7], &[]);
+    let plan = bench.plan();
+    for x in steps(0.0, 10.0) {
+        assert_eq!(plan.at(x, -0.75), FREE, "on the way at {x}");
+        assert_eq!([plan.at(x, -1.45), plan.at(x, 1.45)], [OCCUPIED; 2], "{x}");
+    }
+    // Seen from below the flight would be a wall; beside it the floor goes on.
+    assert!(steps(0.0, 10.0).all(|x| plan.at(x, 0.75) == FREE));
+}
+
+#[test]
 fn the_void_of_a_gallery_is_not_free() {
     let mut voxels = room(-SENSOR_HEIGHT);
     for (x, y) in steps(5.0, 7.0).flat_map(|x| steps(-0.5, 0.5).map(move |y| (x, y))) {

@@ -85,6 +85,17 @@ impl Context {
         Ok(config)
     }
 
+    /// A pipeline file with this stage alone and its whole configuration.
+    pub(crate) fn with_config<C: StageConfig>(&self, config: &C) -> Result<String, RunError> {
+        let unprintable = |cause: toml::ser::Error| {
+            RunError::Value(format!("the configuration cannot be printed: {cause}"))
+        };
+        let config = toml::Table::try_from(config).map_err(unprintable)?;
+        let stages = vec![StageEntry { config, ..self.entry.clone() }];
+        let pipeline = Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, stages };
+        toml::to_string(&pipeline).map_err(unprintable)
+    }
+
     /// Whether a stage of the pipeline is of one of these kinds.
     pub(crate) fn has_kind(&self, kinds: &[&str]) -> bool {
         self.pipeline

@@ -46,8 +46,7 @@ pub(crate) fn prepare<C: StageConfig>(
     let context = options.context(kind)?;
     let config: C = context.config()?;
     if options.print_config {
-        let text = toml::to_string(&config).map_err(|cause| RunError::Value(cause.to_string()))?;
-        println!("[[stage]]\nkind = \"{kind}\"\n\n[stage.config]\n{text}");
+        print!("{}", context.with_config(&config)?);
         return Ok(None);
     }
     if options.check {
