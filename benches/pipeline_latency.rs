@@ -18,7 +18,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use toml::Value as Toml;
 
-use crate::support::{Distribution, print_heading};
+use crate::support::{Distribution, Summary, print_heading};
 
 /// What `evac up` runs with the simulator: live, in real time.
 const PIPELINE: &str = include_str!("../launch/pipelines/simulated.toml");
@@ -154,34 +154,43 @@ impl Drop for Running {
     }
 }
 
+/// Stages in the order in which a frame passes them.
+const STAGES: [&str; 5] = ["deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"];
+
 fn print(times: &Distribution, stages: &Value) -> anyhow::Result<()> {
     print_heading("live pipeline at 10 Hz");
     if let Some(summary) = times.summary() {
         println!("{:<34} {summary}", "last point to pose in a consumer");
     }
-    for (name, stage) in stages.as_object().context("evac status names no stages")? {
-        for (what, latency) in stage["latency"].as_object().into_iter().flatten() {
-            let us = |key: &str| latency[key].as_f64().unwrap_or(f64::NAN) * 1e3;
-            println!(
-                "{:<34} {:>10.1} {:>10.1} {:>10.1} {:>8}",
-                format!("  {name} {what}"),
-                us("p50_ms"),
-                us("p99_ms"),
-                us("max_ms"),
-                latency["count"]
-            );
+    for stage in STAGES {
+        println!("{stage}");
+        for what in ["ipc", "compute", "end_to_end"] {
+            println!("  {what:<32} {}", reported(stages, stage, what)?);
         }
     }
-    let p50_ms = |stage: &str, what: &str| {
-        stages[stage]["latency"][what]["p50_ms"].as_f64().with_context(|| format!("no {what} of {stage}"))
-    };
-    let to_pose = p50_ms("lio", "end_to_end")?;
-    let ipc = p50_ms("deskewer", "ipc")? + p50_ms("lio", "ipc")?;
-    let compute = p50_ms("deskewer", "compute")? + p50_ms("lio", "compute")?;
-    println!(
-        "medians from last point to pose: {to_pose:.3} ms; computing {compute:.3} ms; \
-         IPC and scheduling of both hops {ipc:.3} ms, a share of {:.1} %",
-        100.0 * ipc / to_pose
-    );
+    let p50_us = |stage, what| reported(stages, stage, what).map(|latency| latency.p50_us);
+    let total = p50_us("lio", "end_to_end")?;
+    let computing = p50_us("deskewer", "compute")? + p50_us("lio", "compute")?;
+    let hops = p50_us("deskewer", "ipc")? + p50_us("lio", "ipc")?;
+    println!("medians, from last point to pose published");
+    for (part, us) in [
+        ("all", total),
+        ("computing (deskewer, lio)", computing),
+        ("IPC (lidar -> deskewer -> lio)", hops),
+        ("all but computing", total - computing),
+    ] {
+        println!("  {part:<32} {us:>10.1} {:>9.1}%", 100.0 * us / total);
+    }
     Ok(())
+}
+
+/// A latency as the stage itself reports it, over all frames since its start.
+fn reported(stages: &Value, stage: &str, what: &str) -> anyhow::Result<Summary> {
+    let latency = &stages[stage]["latency"][what];
+    let us = |key: &str| {
+        let ms = latency[key].as_f64();
+        ms.map(|ms| ms * 1e3).with_context(|| format!("evac status does not give {key} of {stage} {what}"))
+    };
+    let count = latency["count"].as_u64().unwrap_or(0) as usize;
+    Ok(Summary { p50_us: us("p50_ms")?, p99_us: us("p99_ms")?, max_us: us("max_ms")?, count })
 }

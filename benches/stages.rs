@@ -48,12 +48,13 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Every frame that has moved at all.
+/// Nothing to wait for: each frame enters the map.
 const EVERY_FRAME: KeyFrameConfig = KeyFrameConfig { distance_m: 0.0, angle_deg: 0.0, interval_s: 0.0 };
 
-type Result = (&'static str, Distribution);
+/// A stage's name and the time of each of its frames.
+type Row = (&'static str, Distribution);
 
-fn deskewer(criterion: &mut Criterion, walk: &Walk, rig: &Rig) -> Result {
+fn deskewer(criterion: &mut Criterion, walk: &Walk, rig: &Rig) -> Row {
     let new = || Deskewer::new(DeskewerConfig::default(), rig).expect("defaults fit");
     let (mut output, mut counters) = (ScanOutput::newest_only(), Counters::default());
     measure(criterion, "deskewer", walk, walk.raw_points(), new, |stage, index| {
@@ -62,7 +63,7 @@ fn deskewer(criterion: &mut Criterion, walk: &Walk, rig: &Rig) -> Result {
     })
 }
 
-fn lio(criterion: &mut Criterion, walk: &Walk, rig: &Rig) -> Result {
+fn lio(criterion: &mut Criterion, walk: &Walk, rig: &Rig) -> Row {
     let new = || Lio::new(LioConfig::default(), rig).expect("defaults fit");
     let (mut output, mut counters) = (PoseOutput::newest_only(), Counters::default());
     measure(criterion, "lio", walk, walk.deskewed_points(), new, |stage, index| {
@@ -76,7 +77,7 @@ fn mapper(
     walk: &Walk,
     rig: &Rig,
     key_frames: KeyFrameConfig,
-) -> Result {
+) -> Row {
     let config = OctreeMapperConfig { key_frames, ..OctreeMapperConfig::default() };
     let new = || OctreeMapper::new(config, rig).expect("defaults fit");
     let (mut output, mut counters) = (MapOutput::newest_only(), Counters::default());
@@ -88,7 +89,7 @@ fn mapper(
 }
 
 /// Rays of every frame into the mapper's octree, without filters.
-fn insertion(criterion: &mut Criterion, walk: &Walk) -> anyhow::Result<Result> {
+fn insertion(criterion: &mut Criterion, walk: &Walk) -> anyhow::Result<Row> {
     let config = OctreeMapperConfig::default();
     let map_config = config.map_config().map_err(anyhow::Error::msg)?;
     let options = ScanOptions { max_range: Some(config.max_range_m), ..ScanOptions::default() };
@@ -119,7 +120,7 @@ fn measure<S>(
     points: u64,
     new: impl Fn() -> S,
     mut step: impl FnMut(&mut S, usize),
-) -> Result {
+) -> Row {
     let mut times = Distribution::default();
     let mut one_walk = || {
         let (mut stage, mut total) = (new(), Duration::ZERO);
@@ -147,7 +148,7 @@ fn measure<S>(
 /// A walk with what every stage makes of it.
 struct Walk {
     raw: Vec<Frame>,
-    deskewed: Vec<(ScanHeader, Vec<Point>)>,
+    deskewed: Vec<DeskewedScan>,
     poses: Vec<PoseFrame>,
     /// Before it the odometry initialises at the standstill, which costs nearly nothing.
     first_timed: usize,
@@ -190,13 +191,10 @@ impl Walk {
     }
 }
 
-type Deskewed = Vec<(ScanHeader, Vec<Point>)>;
+type DeskewedScan = (ScanHeader, Vec<Point>);
 
 /// As in a lossless pipeline: each scan is deskewed with the pose of the one before.
-fn run_deskewer_and_lio(
-    raw: &[Frame],
-    rig: &Rig,
-) -> std::result::Result<(Deskewed, Vec<PoseFrame>), StageError> {
+fn run_deskewer_and_lio(raw: &[Frame], rig: &Rig) -> Result<(Vec<DeskewedScan>, Vec<PoseFrame>), StageError> {
     let mut deskewer = Deskewer::new(DeskewerConfig::default(), rig)?;
     let mut lio = Lio::new(LioConfig::default(), rig)?;
     let (mut scans, mut poses, mut counters) =

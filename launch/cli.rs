@@ -114,6 +114,9 @@ pub(crate) struct MapArgs {
     /// Added to the byte log's times
     #[arg(long, value_name = "MS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(crate) imu_offset_ms: f64,
+    /// Use a recording that was cut, up to the cut
+    #[arg(long)]
+    pub(crate) allow_truncated: bool,
     /// Where the LiDAR sits on the IMU [default: both in one place]
     #[arg(long, value_name = "RIG.toml")]
     pub(crate) rig: Option<PathBuf>,

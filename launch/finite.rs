@@ -76,6 +76,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
             return Err(LaunchError::Path("name a recording: WALK.bag or --lidar X.pcap".to_owned()));
         }
     };
+    set(&mut pipeline, "replay", "allow_truncated", Value::from(args.allow_truncated));
     if let Some(truth) = &args.truth {
         existing(truth)?;
     }

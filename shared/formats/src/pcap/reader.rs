@@ -209,7 +209,7 @@ impl<R: Read> PcapReader<R> {
             &self.path,
             start,
             &cause,
-            "copy it again, or allow truncated recordings to use what is before",
+            "copy it again, or use what is before with --allow-truncated",
         ))
     }
 }

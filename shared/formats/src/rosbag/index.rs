@@ -11,7 +11,7 @@ use crate::FormatError;
 const MAGIC: &[u8; 13] = b"#ROSBAG V2.0\n";
 /// Headers of records are a few hundred bytes; more is a broken length.
 const MAX_HEADER: u32 = 1 << 20;
-const REINDEX: &str = "run `rosbag reindex` on a copy, or allow truncated recordings to use what is before";
+const REINDEX: &str = "run `rosbag reindex` on a copy, or use what is before with --allow-truncated";
 
 /// A topic's publisher.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -150,7 +150,7 @@ impl<R: BufRead> Wt901cReader<R> {
             return Ok(());
         }
         let cause = format!("the log ends inside a sample ({bytes} bytes in all)");
-        let remedy = "copy it again, or allow truncated recordings to use what is before";
+        let remedy = "copy it again, or use what is before with --allow-truncated";
         Err(self.refused(self.parser.offset(), cause, remedy))
     }
 
