@@ -40,7 +40,7 @@ fn main() -> anyhow::Result<()> {
         .warm_up_time(Duration::from_secs(4))
         .measurement_time(Duration::from_secs(20));
     group.bench_function("last point to pose", |bencher| {
-        let (_, poses) = running.get_or_insert_with(|| start().expect("the pipeline should start"));
+        let (poses, _) = running.get_or_insert_with(|| start().expect("the pipeline should start"));
         bencher.iter_custom(|frames| {
             let total_ns = poses.take(frames, &mut times).expect("poses should come");
             Duration::from_nanos(total_ns.unsigned_abs())
@@ -48,7 +48,7 @@ fn main() -> anyhow::Result<()> {
     });
     group.finish();
     criterion.final_summary();
-    let Some((pipeline, poses)) = running else { return Ok(()) };
+    let Some((poses, pipeline)) = running else { return Ok(()) };
     let status = pipeline.status()?;
     // Leaves the domain before the launcher removes it.
     drop(poses);
@@ -56,11 +56,12 @@ fn main() -> anyhow::Result<()> {
     print(&times, &status)
 }
 
-/// The subscriber comes first, so that it misses nothing.
-fn start() -> anyhow::Result<(Running, Poses)> {
+/// The subscriber comes first, so that it misses nothing, and is dropped first: the launcher removes the domain at its end.
+fn start() -> anyhow::Result<(Poses, Running)> {
     let domain = Domain::new(&format!("bench-latency-{}", std::process::id()))?;
     let poses = Poses::open(&domain)?;
-    Ok((Running::start(domain)?, poses))
+    let running = Running::start(domain)?;
+    Ok((poses, running))
 }
 
 /// A consumer of poses, as a robot's controller would be.

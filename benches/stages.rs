@@ -136,7 +136,8 @@ fn measure<S>(
         total
     };
     let mut group = criterion.benchmark_group("stages");
-    group.sampling_mode(SamplingMode::Flat).sample_size(10).warm_up_time(Duration::from_millis(500));
+    group.sampling_mode(SamplingMode::Flat).sample_size(10);
+    group.warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(15));
     group.throughput(Throughput::Elements(points));
     group.bench_function(name, |bencher| {
         bencher.iter_custom(|walks| (0..walks).map(|_| one_walk()).sum::<Duration>() / walk.timed_frames());

@@ -9,7 +9,7 @@ use evac_config::{Pipeline, StageEntry};
 use evac_frames::{Ack, Health, StageState};
 use evac_ports::services::SinkAck;
 use evac_ports::{Bus, Domain, DomainLock, Listener, RecordSubscriber};
-use evac_stage::{LogOptions, RunError};
+use evac_stage::LogOptions;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::error::LaunchError;
@@ -293,5 +293,7 @@ pub(crate) fn failure_reason(board: &HealthBoard) -> Option<String> {
 
 /// Stopping by a signal is not a failure of the pipeline, but the work is not done.
 pub(crate) fn interrupted() -> LaunchError {
-    LaunchError::Run(RunError::Peer("stopped by a signal before the walk had ended".to_owned()))
+    LaunchError::Silent(
+        "stopped by a signal before the walk had ended; the files hold what was mapped".to_owned(),
+    )
 }

@@ -2,9 +2,10 @@
 
 use std::fmt;
 
-/// Whether this is a trial run (`cargo bench -- --test`), whose figures mean nothing.
+/// Whether this is a trial run (`cargo bench -- --test`), whose figures mean nothing; criterion decides in the same way.
 pub(crate) fn is_trial() -> bool {
-    std::env::args().any(|argument| argument == "--test")
+    let given = |wanted: &str| std::env::args().any(|argument| argument == wanted);
+    given("--test") || !given("--bench")
 }
 
 /// Every time that was measured in one case.

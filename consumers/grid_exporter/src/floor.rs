@@ -4,8 +4,8 @@
 //! step below the sensor, or without any the path's height less the sensor's. Where the path comes to lie a storey above
 //! or below what it has passed close by, it has left the plan's storey and counts no more until it is back on it. From
 //! these blocks the height spreads, nearest first, to blocks with ground within one step of the block they are reached
-//! from, which take its median; then to all others, which without ground of their own take the height of the block they
-//! are reached from. So each place has one height, stairs, slopes and slow drift are followed, and a storey above or
+//! from, which take its median; then to the walls beside them, and to all others from blocks of the storey's main height:
+//! these without ground of their own take the height of the block they are reached from. So each place has one height, stairs, slopes and slow drift are followed, and a storey above or
 //! below that is seen later changes nothing where this one is.
 
 use crate::columns::Columns;
@@ -24,6 +24,10 @@ const BELOW_M: f64 = 0.3;
 const STOREY_GAP_M: f64 = 2.0;
 /// ... itself within this distance is on another storey, metres: stairs up to 45 degrees rise less.
 const STOREY_REACH_M: f64 = 2.0;
+/// How far the ground may lie from the path less the measured height of the sensor, metres: a step and the gait.
+const TREAD_M: f64 = 0.25;
+/// How far a height reaches over blocks without ground before the storey's main height is taken, metres.
+const BESIDE_M: f64 = 1.0;
 /// The sensor is held between these heights, metres.
 const SENSOR_HEIGHTS_M: [f64; 2] = [0.15, 3.0];
 
@@ -38,7 +42,7 @@ pub(crate) struct Area {
 struct Ground<'a> {
     columns: &'a Columns,
     resolution: f64,
-    max_step: f64,
+    reach: f64,
 }
 
 /// What a block without ground of its own does.
@@ -91,18 +95,25 @@ impl Floor {
         self.levels.clear();
         self.levels.resize(blocks, None);
 
-        let sensor_height = self.sensor_height(columns, path, resolution).unwrap_or(config.sensor_height_m);
-        let ground = Ground { columns, resolution, max_step: config.max_step_m };
         self.max_step = config.max_step_m;
+        let measured = self.sensor_height(columns, path, resolution);
+        let sensor_height = measured.unwrap_or(config.sensor_height_m);
+        // With a measured height the path tells a tread from the floor below the stair.
+        let reach = if measured.is_some() { TREAD_M.min(self.max_step) } else { self.max_step };
         self.assigned.clear();
-        self.follow(&ground, path, sensor_height);
+        self.follow(&Ground { columns, resolution, reach }, path, sensor_height);
+        let ground = Ground { columns, resolution, reach: self.max_step };
         if self.assigned.is_empty() {
             // The path lies outside of all that was seen.
             let start = path.points().next().map_or(0.0, |[_, _, z]| z);
             self.assign(&ground, [0, 0], start - sensor_height, Otherwise::TakeExpected);
         }
-        self.spread(&ground, Otherwise::Wait);
-        self.spread(&ground, Otherwise::TakeExpected);
+        self.spread(&ground, Otherwise::Wait, |_| true);
+        self.widen(&ground);
+        let main = self.main_level();
+        self.spread(&ground, Otherwise::TakeExpected, |level| (level - main).abs() <= config.max_step_m);
+        // What is left lies behind blocks of another height.
+        self.spread(&ground, Otherwise::TakeExpected, |_| true);
     }
 
     /// Height of the ground under a cell, metres: between the centres of blocks of one storey it changes steadily.
@@ -144,23 +155,37 @@ impl Floor {
         if self.samples.len() < MIN_HEIGHT_SAMPLES { None } else { median(&mut self.samples) }
     }
 
-    /// Gives the path's blocks their heights, in the order of time.
+    /// Gives the path's blocks their heights, in the order of time: of each stay in a block the mean.
     fn follow(&mut self, ground: &Ground<'_>, path: &Path, sensor_height: f64) {
         let mut on_storey = true;
+        let mut stay: Option<([i32; 2], f64, f64)> = None;
         for [x, y, z] in path.points() {
             let block = self.block_at(x, y, ground.resolution);
             let floor = z - sensor_height;
-            match self.level(block) {
-                Some(level) if on_storey => on_storey = (floor - level).abs() <= STOREY_GAP_M,
-                Some(level) => on_storey = (floor - level).abs() <= ground.max_step,
-                None if on_storey => {
-                    on_storey = self.is_one_storey(block, floor, ground.resolution);
-                    if on_storey {
-                        self.assign(ground, block, floor, Otherwise::TakeExpected);
-                    }
+            stay = match stay {
+                Some((here, sum, count)) if here == block => Some((here, sum + floor, count + 1.0)),
+                _ => {
+                    self.settle(ground, stay, &mut on_storey);
+                    Some((block, floor, 1.0))
                 }
-                None => {}
+            };
+        }
+        self.settle(ground, stay, &mut on_storey);
+    }
+
+    fn settle(&mut self, ground: &Ground<'_>, stay: Option<([i32; 2], f64, f64)>, on_storey: &mut bool) {
+        let Some((block, sum, count)) = stay else { return };
+        let floor = sum / count;
+        match self.level(block) {
+            Some(level) if *on_storey => *on_storey = (floor - level).abs() <= STOREY_GAP_M,
+            Some(level) => *on_storey = (floor - level).abs() <= self.max_step,
+            None if *on_storey => {
+                *on_storey = self.is_one_storey(block, floor, ground.resolution);
+                if *on_storey {
+                    self.assign(ground, block, floor, Otherwise::TakeExpected);
+                }
             }
+            None => {}
         }
     }
 
@@ -171,16 +196,40 @@ impl Floor {
         around.all(|block| self.level(block).is_none_or(|level| (floor - level).abs() <= STOREY_GAP_M))
     }
 
-    /// Breadth first from all blocks that have their height.
-    fn spread(&mut self, ground: &Ground<'_>, otherwise: Otherwise) {
+    /// Breadth first from all blocks that have a height which `may_spread`.
+    fn spread(&mut self, ground: &Ground<'_>, otherwise: Otherwise, may_spread: impl Fn(f64) -> bool) {
         let mut next = 0;
-        while let Some([x, y]) = self.assigned.get(next).copied() {
+        while let Some(block) = self.assigned.get(next).copied() {
             next += 1;
-            let level = self.level([x, y]).unwrap_or_default();
-            for [dx, dy] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
-                self.assign(ground, [x + dx, y + dy], level, otherwise);
+            if self.level(block).is_some_and(&may_spread) {
+                self.assign_neighbours(ground, block, otherwise);
             }
         }
+    }
+
+    /// Gives the height of each block to those within [`BESIDE_M`] that have none: walls, and the sides of stairs.
+    fn widen(&mut self, ground: &Ground<'_>) {
+        for _ in 0..(BESIDE_M / BLOCK_M) as u32 {
+            for at in 0..self.assigned.len() {
+                if let Some(block) = self.assigned.get(at).copied() {
+                    self.assign_neighbours(ground, block, Otherwise::TakeExpected);
+                }
+            }
+        }
+    }
+
+    fn assign_neighbours(&mut self, ground: &Ground<'_>, [x, y]: [i32; 2], otherwise: Otherwise) {
+        let level = self.level([x, y]).unwrap_or_default();
+        for [dx, dy] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
+            self.assign(ground, [x + dx, y + dy], level, otherwise);
+        }
+    }
+
+    /// The median height of all blocks that have one: that of the storey, not of a stair's landing.
+    fn main_level(&mut self) -> f64 {
+        self.samples.clear();
+        self.samples.extend(self.levels.iter().flatten());
+        median(&mut self.samples).unwrap_or_default()
     }
 
     /// Gives a block that has none its height: the median of its ground within a step of `expected`.
@@ -193,7 +242,7 @@ impl Floor {
         {
             ground.columns.column(x, y).for_each_ground(|cell| {
                 let height = centre(cell, ground.resolution);
-                if (height - expected).abs() <= ground.max_step {
+                if (height - expected).abs() <= ground.reach {
                     self.samples.push(height);
                 }
             });

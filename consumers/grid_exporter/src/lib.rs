@@ -5,9 +5,9 @@
 //! (nav2, `map_server`) and `plan.png`.
 //!
 //! Heights count from the local ground, not from the map's origin, see [`GridExporterConfig`]. There is one plan: that
-//! of the storey on which the walk starts. Ramps and stairs are followed from there; where another storey lies above or
-//! below, the plan keeps showing the first one, and beyond the reach of both the way up or down it shows the other.
-//! Space over ground that lies a storey deeper is unknown, not free.
+//! of the storey on which the walk starts, with the ramps and stairs that lead from it up to where they come to lie over
+//! it. Another storey that is walked later above or below changes nothing there; where none of the first storey was seen
+//! within the path's reach, it is shown. Space over ground that lies a storey deeper is unknown, not free.
 
 mod columns;
 mod config;

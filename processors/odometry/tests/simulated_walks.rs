@@ -87,7 +87,8 @@ fn run(config: evac_replay::Config, rig: &Rig) -> Pipeline {
 
 /// The rig from the walk's `meta.json`: lever arm, then yaw, pitch, roll in degrees.
 fn rig_of(folder: &Path) -> Rig {
-    let meta: serde_json::Value = serde_json::from_reader(File::open(folder.join("meta.json")).unwrap()).unwrap();
+    let meta: serde_json::Value =
+        serde_json::from_reader(File::open(folder.join("meta.json")).unwrap()).unwrap();
     let [x, y, z, yaw, pitch, roll] =
         [0, 1, 2, 3, 4, 5].map(|i| meta["T_imu_lidar_xyz_ypr"][i].as_f64().unwrap());
     Rig { imu_from_lidar: ImuFromLidar { translation_m: [x, y, z], roll_pitch_yaw_deg: [roll, pitch, yaw] } }

@@ -17,6 +17,7 @@ const PLANE_FLOOR: f64 = 0.003;
 const ITERATIONS: usize = 4;
 /// Association is redone in the first iterations only.
 const ASSOCIATIONS: usize = 2;
+const NARROWER: f64 = 0.3;
 
 /// Information of a frame about the measured part of the error.
 #[derive(Debug, Clone, Copy)]
@@ -72,7 +73,10 @@ pub(crate) fn correct(
         let here = prior.plus(&d);
         if iteration < ASSOCIATIONS {
             let predicted = (iteration == 0).then_some(&*covariance);
-            report.in_view = associate(map, selected, &here, predicted, gate, matches);
+            // A wide gate finds the way to the map; what it let in wrongly goes out again with a narrower one.
+            let gate =
+                Gate { floor: if iteration == 0 { gate.floor } else { gate.floor * NARROWER }, ..*gate };
+            report.in_view = associate(map, selected, &here, predicted, &gate, matches);
         }
         let information = accumulate(matches, &here, rate);
         report.used = matches.len();

@@ -8,6 +8,8 @@ const CAPACITY: usize = 4096;
 /// Values no device of this class reports: 2900 degrees/s and 20 g.
 const MAX_RATE: f64 = 50.0;
 const MAX_ACCEL: f64 = 200.0;
+/// The sample after a frame's end comes at most so late.
+const MAX_LEAD_NS: i64 = 1_000_000_000;
 /// So many exact zeros in a row are the firmware's auto-zero and no chance of quantisation.
 const ZERO_RUN: u32 = 5;
 
@@ -39,15 +41,18 @@ impl ImuTrack {
         Self { readings: Vec::with_capacity(CAPACITY), zero_run: 0, newest_ns: i64::MIN, rejected: 0 }
     }
 
-    /// Takes what is new in `samples`; consecutive calls overlap.
-    pub(crate) fn extend(&mut self, samples: &[ImuSample]) {
+    /// Takes what is new in `samples` of the frame that ends at `frame_end_ns`; consecutive calls overlap.
+    pub(crate) fn extend(&mut self, samples: &[ImuSample], frame_end_ns: i64) {
         for sample in samples {
             if sample.stamp_ns <= self.newest_ns {
                 continue;
             }
             let (gyro, accel) = (Vector3::from(sample.gyro), Vector3::from(sample.accel));
             // NaN compares false and is rejected with the impossible.
-            if !(gyro.norm() < MAX_RATE && accel.norm() < MAX_ACCEL) || self.readings.len() >= CAPACITY {
+            let possible = gyro.norm() < MAX_RATE && accel.norm() < MAX_ACCEL;
+            // A stamp far ahead is a fault that would shut out all that follows.
+            let early = sample.stamp_ns.saturating_sub(frame_end_ns) > MAX_LEAD_NS;
+            if !possible || early || self.readings.len() >= CAPACITY {
                 self.rejected += 1;
                 continue;
             }

@@ -1,6 +1,5 @@
 //! Gravity, biases and their uncertainty from a standstill, or from motion where there is none (design section 5.1).
 
-use evac_frames::ImuSample;
 use evac_geometry::nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use evac_geometry::{MotionState, STANDARD_GRAVITY, Standstill, StandstillDetector, exp_so3};
 
@@ -13,6 +12,8 @@ const ACCEL_BIAS: f64 = 0.05;
 /// Standard deviation of the mean acceleration of a start in motion, m/s^2, and of its velocity, m/s.
 const MOVING_ACCEL: f64 = 0.3;
 const MOVING_SPEED: f64 = 1.0;
+/// The detector measures in blocks of 0.1 s.
+const TOLERANCE_S: f64 = 0.05;
 /// Memory of the mean acceleration of a start in motion.
 const MOVING_MEMORY_S: f64 = 2.0;
 
@@ -28,10 +29,9 @@ pub(crate) struct Start {
     pub(crate) standing: bool,
 }
 
-/// Listens until the carrier has stood still long enough, or too long a time has passed.
+/// Waits until the carrier has stood still long enough, or too long a time has passed.
 #[derive(Debug)]
 pub(crate) struct Initialiser {
-    detector: StandstillDetector,
     waited_s: f64,
     last: Option<Reading>,
     /// Mean specific force turned into the present IMU frame, with exponential memory.
@@ -41,32 +41,25 @@ pub(crate) struct Initialiser {
 
 impl Initialiser {
     pub(crate) fn new() -> Self {
-        Self {
-            detector: StandstillDetector::default(),
-            waited_s: 0.0,
-            last: None,
-            mean_force: Vector3::zeros(),
-            mean_weight: 0.0,
-        }
+        Self { waited_s: 0.0, last: None, mean_force: Vector3::zeros(), mean_weight: 0.0 }
     }
 
-    /// Takes the samples up to a frame's end, `duration_s` after the last one's. Returns whether the carrier may be
-    /// standing still; if not, what was collected before is void.
-    pub(crate) fn take(&mut self, samples: &[ImuSample], readings: &[Reading], duration_s: f64) -> bool {
+    /// Takes the readings up to a frame's end, `duration_s` after the last one's.
+    pub(crate) fn take(&mut self, readings: &[Reading], duration_s: f64) {
         self.waited_s += duration_s.clamp(0.0, 1.0);
-        for sample in samples {
-            self.detector.push(sample);
-        }
         let fresh = self.last.map_or(0, |last| readings.partition_point(|r| r.stamp_ns <= last.stamp_ns));
         for reading in readings.iter().skip(fresh) {
             self.level(reading);
         }
-        self.detector.state() != MotionState::Moving
     }
 
     /// Orientation `map_from_imu` as far as it is known: z against gravity, yaw of the LiDAR zero.
-    pub(crate) fn orientation(&self, imu_from_lidar: &Isometry3<f64>) -> UnitQuaternion<f64> {
-        let up = match (self.detector.state(), self.detector.standstill()) {
+    pub(crate) fn orientation(
+        &self,
+        detector: &StandstillDetector,
+        imu_from_lidar: &Isometry3<f64>,
+    ) -> UnitQuaternion<f64> {
+        let up = match (detector.state(), detector.standstill()) {
             (MotionState::Still, Some(standstill)) => standstill.mean_accel,
             _ => self.mean_force,
         };
@@ -74,10 +67,15 @@ impl Initialiser {
     }
 
     /// The start, once it can be made.
-    pub(crate) fn start(&self, config: &LioConfig, imu_from_lidar: &Isometry3<f64>) -> Option<Start> {
-        if self.detector.state() == MotionState::Still
-            && let Some(standstill) = self.detector.standstill()
-            && (standstill.end_ns - standstill.start_ns) as f64 * 1e-9 > config.standstill_s - 0.05
+    pub(crate) fn start(
+        &self,
+        detector: &StandstillDetector,
+        config: &LioConfig,
+        imu_from_lidar: &Isometry3<f64>,
+    ) -> Option<Start> {
+        if detector.state() == MotionState::Still
+            && let Some(standstill) = detector.standstill()
+            && (standstill.end_ns - standstill.start_ns) as f64 * 1e-9 > config.standstill_s - TOLERANCE_S
         {
             return Some(standing_start(standstill, config, imu_from_lidar));
         }
@@ -90,6 +88,11 @@ impl Initialiser {
         if let Some(last) = self.last {
             let h = (reading.stamp_ns - last.stamp_ns) as f64 * 1e-9;
             let turned = exp_so3(&(-(last.gyro + reading.gyro) / 2.0 * h)) * self.mean_force;
+            // A new clock starts anew.
+            if h <= 0.0 {
+                self.last = Some(*reading);
+                return;
+            }
             self.mean_weight = self.mean_weight * (-h / MOVING_MEMORY_S).exp() + h;
             self.mean_force = turned + (reading.accel - turned) * (h / self.mean_weight);
         } else {

@@ -5,6 +5,7 @@ mod config;
 mod correction;
 mod degeneracy;
 mod deskew;
+mod filter;
 mod imu;
 mod initialisation;
 mod matching;
@@ -12,8 +13,10 @@ mod monitor;
 mod plane_map;
 mod propagation;
 mod report;
+mod settling;
 mod stage;
 mod state;
+mod tracking;
 
 pub use config::LioConfig;
 pub use stage::{Diagnostics, Lio};

@@ -2,6 +2,7 @@
 
 use super::config::LioConfig;
 use super::correction::Report;
+use super::filter::MAX_ACCEL_BIAS;
 use super::state::State;
 
 /// Exponential mean of the NIS: quick to rise, slow to fall.
@@ -14,7 +15,6 @@ const MAX_FACTOR: f64 = 400.0;
 const LOST_NIS: f64 = 5.0;
 const LOST_SHARE: f64 = 0.1;
 const LOST_RESIDUAL: f64 = 2.0;
-const LOST_ACCEL_BIAS: f64 = 0.5;
 const WEAK_FRAMES: u32 = 3;
 /// Share of the selected points that must see planes before a bad match counts.
 const VIEW_SHARE: f64 = 0.3;
@@ -81,7 +81,7 @@ impl Monitor {
             self.nis += rate * (report.nis.min(100.0) - self.nis);
         }
         let impossible =
-            !(state.velocity.norm() <= config.max_speed_m_s) || !(state.accel_bias.norm() <= LOST_ACCEL_BIAS);
+            !(state.velocity.norm() <= config.max_speed_m_s) || !(state.accel_bias.norm() <= MAX_ACCEL_BIAS);
         if self.lost {
             return self.while_lost(
                 viewed && share > FOUND_SHARE && report.residual < FOUND_RESIDUAL && !impossible,

@@ -15,6 +15,8 @@ const GAP_S: f64 = 0.025;
 const HOLD_NS: i64 = 30_000_000;
 /// While the gyroscope's auto-zero holds, rates up to about 1 degree/s are hidden; as white noise per sample.
 const HELD_GYRO_NOISE: f64 = 0.03;
+/// As above for a rig that has been at rest for a while.
+const RESTING_GYRO_NOISE: f64 = 0.002;
 /// Rotation rate and acceleration of a walking carrier that a gap may hide, rad/s and m/s^2 (standard deviations).
 const HIDDEN_RATE: f64 = 0.5;
 const HIDDEN_ACCEL: f64 = 2.0;
@@ -27,6 +29,8 @@ const LOOSE_ACCEL_NOISE: f64 = 0.3;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Noise {
     gyro: f64,
+    /// While the gyroscope is held at zero.
+    held_gyro: f64,
     accel: f64,
     gyro_walk: f64,
     accel_walk: f64,
@@ -34,11 +38,12 @@ pub(crate) struct Noise {
 
 impl Noise {
     /// Configured noise with its variance times `factor`, or the loose mode's.
-    pub(crate) fn new(config: &LioConfig, factor: f64, loose: bool) -> Self {
+    pub(crate) fn new(config: &LioConfig, factor: f64, loose: bool, at_rest: bool) -> Self {
         let scale = factor.sqrt();
         let floor = if loose { (LOOSE_GYRO_NOISE, LOOSE_ACCEL_NOISE) } else { (0.0, 0.0) };
         Self {
             gyro: (config.gyro_noise_rad_s * scale).max(floor.0),
+            held_gyro: if at_rest { RESTING_GYRO_NOISE } else { HELD_GYRO_NOISE },
             accel: (config.accel_noise_m_s2 * scale).max(floor.1),
             gyro_walk: config.gyro_bias_walk,
             accel_walk: config.accel_bias_walk,
@@ -165,7 +170,7 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     set(at::POSITION, at::GRAVITY, &(identity_h * (h / 2.0)));
     *covariance = f * *covariance * f.transpose();
 
-    let gyro_noise = if held { HELD_GYRO_NOISE } else { noise.gyro };
+    let gyro_noise = if held { noise.held_gyro } else { noise.gyro };
     add_variance(covariance, at::ROTATION, gyro_noise.powi(2) * NOISE_PERIOD_S * h);
     add_variance(covariance, at::VELOCITY, noise.accel.powi(2) * NOISE_PERIOD_S * h);
     add_variance(covariance, at::GYRO_BIAS, noise.gyro_walk.powi(2) * h);

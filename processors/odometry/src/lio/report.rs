@@ -15,12 +15,11 @@ const HONESTY: f64 = 2.0;
 pub(crate) fn pose_frame(
     frame: &FrameHeader,
     state: &State,
-    covariance: &Covariance,
+    covariance: [f64; 36],
     imu_from_lidar: &Isometry3<f64>,
     degeneracy: &Degeneracy,
     quality: f64,
     tracking: TrackingState,
-    inherited: &PoseVariance,
 ) -> PoseFrame {
     let map_from_imu = state.map_from_imu();
     let mut pose = PoseFrame {
@@ -29,8 +28,8 @@ pub(crate) fn pose_frame(
         gyro_bias: state.gyro_bias.into(),
         accel_bias: state.accel_bias.into(),
         gravity: state.gravity.into(),
-        covariance: lidar_covariance(state, covariance, imu_from_lidar, inherited),
-        time_offset_ns: (state.time_offset_s * 1e9) as i64,
+        covariance,
+        time_offset_ns: state.offset_ns(),
         quality: quality as f32,
         degenerate: degeneracy.count as u32,
         state: tracking as u32,

@@ -71,6 +71,11 @@ impl State {
         biased - self.gyro_scale.component_mul(&biased)
     }
 
+    /// The time offset in nanoseconds.
+    pub(crate) fn offset_ns(&self) -> i64 {
+        (self.time_offset_s * 1e9) as i64
+    }
+
     /// Pose of the IMU.
     pub(crate) fn map_from_imu(&self) -> Isometry3<f64> {
         Isometry3::from_parts(Translation3::from(self.position), self.rotation)

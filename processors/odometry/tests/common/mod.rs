@@ -46,7 +46,8 @@ impl Pipeline {
         let input = ScanWithImu { header, points, imu, imu_covers: covers, prior: prior.as_ref() };
         self.deskewer.process(input, &mut self.scans, &mut Counters::default()).unwrap();
         let (header, points) = self.scans.memory.pop().unwrap();
-        let deskewed = ScanWithImu { header: &header, points: &points, imu, imu_covers: covers, prior: prior.as_ref() };
+        let deskewed =
+            ScanWithImu { header: &header, points: &points, imu, imu_covers: covers, prior: prior.as_ref() };
         let started = Instant::now();
         self.lio.process(deskewed, &mut self.poses, &mut self.counters).unwrap();
         self.milliseconds.push(started.elapsed().as_secs_f64() * 1e3);
@@ -80,7 +81,8 @@ pub struct Figures {
 
 impl Figures {
     pub fn of(estimate: &[PoseFrame], truth: &[Isometry3<f64>]) -> Self {
-        let first = estimate.iter().position(|pose| pose.state != TrackingState::Initialising as u32).unwrap();
+        let first =
+            estimate.iter().position(|pose| pose.state != TrackingState::Initialising as u32).unwrap();
         let estimate = &estimate[first..];
         let truth = &truth[first..first + estimate.len()];
         let poses: Vec<_> = estimate.iter().map(map_from_lidar).collect();
@@ -92,12 +94,10 @@ impl Figures {
             .collect();
         let end = |poses: &[Isometry3<f64>]| poses[0].inverse() * poses[poses.len() - 1];
         let difference = end(truth).inverse() * end(&poses);
-        let in_state = |state: TrackingState| estimate.iter().filter(|pose| pose.state == state as u32).count();
-        let honest = errors
-            .iter()
-            .zip(estimate)
-            .filter(|(error, pose)| **error < 3.0 * position_sigma(pose))
-            .count();
+        let in_state =
+            |state: TrackingState| estimate.iter().filter(|pose| pose.state == state as u32).count();
+        let honest =
+            errors.iter().zip(estimate).filter(|(error, pose)| **error < 3.0 * position_sigma(pose)).count();
         Self {
             frames: errors.len(),
             path: truth.windows(2).map(|w| (w[1].translation.vector - w[0].translation.vector).norm()).sum(),
@@ -123,8 +123,9 @@ pub fn position_sigma(pose: &PoseFrame) -> f64 {
 
 /// The rigid motion that brings positions of `poses` closest to those of `truth` (Umeyama without scale).
 fn align(poses: &[Isometry3<f64>], truth: &[Isometry3<f64>]) -> Isometry3<f64> {
-    let mean =
-        |poses: &[Isometry3<f64>]| poses.iter().map(|p| p.translation.vector).sum::<Vector3<f64>>() / poses.len() as f64;
+    let mean = |poses: &[Isometry3<f64>]| {
+        poses.iter().map(|p| p.translation.vector).sum::<Vector3<f64>>() / poses.len() as f64
+    };
     let (from, to) = (mean(poses), mean(truth));
     let mut cross = Matrix3::zeros();
     for (pose, truth) in poses.iter().zip(truth) {

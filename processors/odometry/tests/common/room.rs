@@ -26,11 +26,11 @@ pub struct Room {
 }
 
 impl Room {
-    /// 8 x 6 x 3 m with the origin 1.2 m above the floor, 3 m from the back wall.
+    /// 11 x 3 x 3 m with the origin 1.2 m above the floor; from there all but the back wall is in view.
     pub fn new(seed: u64) -> Self {
         Self {
-            min: Vector3::new(-3.0, -3.0, -1.2),
-            max: Vector3::new(5.0, 3.0, 1.8),
+            min: Vector3::new(-3.0, -1.5, -1.2),
+            max: Vector3::new(8.0, 1.5, 1.8),
             people: 0,
             range_noise: 0.02,
             gyro_bias: Vector3::new(0.003, -0.004, 0.002),
@@ -80,7 +80,13 @@ impl Room {
         }
     }
 
-    fn shot(&self, start_ns: i64, i: i64, motion: &impl Fn(f64) -> Isometry3<f64>, random: &mut Random) -> Point {
+    fn shot(
+        &self,
+        start_ns: i64,
+        i: i64,
+        motion: &impl Fn(f64) -> Isometry3<f64>,
+        random: &mut Random,
+    ) -> Point {
         let time = (start_ns + i * SHOT_NS) as f64 * 1e-9;
         let pose = motion(time);
         let beam = evac_simulator::direction(((start_ns / SHOT_NS) + i) as u64);

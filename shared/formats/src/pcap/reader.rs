@@ -205,12 +205,7 @@ impl<R: Read> PcapReader<R> {
             return Ok(None);
         }
         let cause = format!("the file ends inside a packet, which needs {needed} bytes and has {got}");
-        Err(refused(
-            &self.path,
-            start,
-            &cause,
-            "copy it again, or use what is before with --allow-truncated",
-        ))
+        Err(refused(&self.path, start, &cause, "copy it again, or use what is before with --allow-truncated"))
     }
 }
 
