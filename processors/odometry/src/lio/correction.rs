@@ -3,7 +3,7 @@
 
 use evac_geometry::nalgebra::{SMatrix, SVector, Vector3};
 
-use super::matching::{Gate, Match, Selected, associate, pose_row};
+use super::matching::{Match, Selected, associate, pose_row};
 use super::plane_map::PlaneMap;
 use super::state::{Covariance, DIM, Error, MEASURED, State, at};
 
@@ -17,7 +17,16 @@ const PLANE_FLOOR: f64 = 0.003;
 const ITERATIONS: usize = 4;
 /// Association is redone in the first iterations only.
 const ASSOCIATIONS: usize = 2;
-const NARROWER: f64 = 0.3;
+
+/// How the gate on residuals is widened.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Gate {
+    /// Range noise, metres.
+    pub(crate) range_noise: f64,
+    /// Standard deviation added in each association, metres: a wide one finds the way to the map after a loss, and what it
+    /// let in wrongly goes out again with a narrower one.
+    pub(crate) floors: [f64; ASSOCIATIONS],
+}
 
 /// Information of a frame about the measured part of the error.
 #[derive(Debug, Clone, Copy)]
@@ -73,10 +82,8 @@ pub(crate) fn correct(
         let here = prior.plus(&d);
         if iteration < ASSOCIATIONS {
             let predicted = (iteration == 0).then_some(&*covariance);
-            // A wide gate finds the way to the map; what it let in wrongly goes out again with a narrower one.
-            let gate =
-                Gate { floor: if iteration == 0 { gate.floor } else { gate.floor * NARROWER }, ..*gate };
-            report.in_view = associate(map, selected, &here, predicted, &gate, matches);
+            report.in_view =
+                associate(map, selected, &here, predicted, gate.range_noise, gate.floors[iteration], matches);
         }
         let information = accumulate(matches, &here, rate);
         report.used = matches.len();

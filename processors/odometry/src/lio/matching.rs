@@ -38,25 +38,18 @@ pub(crate) struct Match {
     pub(crate) plane_variance: f64,
 }
 
-/// How the gate is widened.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Gate {
-    /// Range noise, metres.
-    pub(crate) range_noise: f64,
-    /// Standard deviation added in the loose mode, metres.
-    pub(crate) floor: f64,
-}
-
 /// Finds for every selected point the first plane, coarse to fine, whose residual passes the gate; returns how many
 /// points had any plane to be compared with.
 ///
-/// `predicted` widens the gate by the predicted pose's covariance and is given in the first iteration only.
+/// `predicted` widens the gate by the predicted pose's covariance and is given in the first iteration only; `gate_floor` (metres) widens it
+/// in the loose mode.
 pub(crate) fn associate(
     map: &PlaneMap,
     selected: &[Selected],
     state: &State,
     predicted: Option<&Covariance>,
-    gate: &Gate,
+    range_noise: f64,
+    gate_floor: f64,
     matches: &mut Vec<Match>,
 ) -> usize {
     matches.clear();
@@ -77,9 +70,9 @@ pub(crate) fn associate(
             seen = true;
             let residual = plane.distance(&point);
             let incidence = beam.dot(&plane.normal);
-            let point_variance = (gate.range_noise * incidence).powi(2) + POINT_FLOOR.powi(2);
+            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR.powi(2);
             let plane_variance = plane.variances[0] / plane.points * leverage;
-            let mut variance = point_variance + plane_variance + gate.floor * gate.floor;
+            let mut variance = point_variance + plane_variance + gate_floor * gate_floor;
             if let Some(predicted) = &predicted {
                 let h = pose_row(
                     &rotation.inverse_transform_vector(&plane.normal),

@@ -19,7 +19,7 @@ const WEAK_FRAMES: u32 = 3;
 /// Share of the selected points that must see planes before a bad match counts.
 const VIEW_SHARE: f64 = 0.3;
 /// Signs of a recovery.
-const FOUND_SHARE: f64 = 0.4;
+const FOUND_SHARE: f64 = 0.6;
 const FOUND_RESIDUAL: f64 = 1.8;
 const FOUND_FRAMES: u32 = 5;
 /// After so many frames without recovery the map is started anew from where dead reckoning says.

@@ -6,13 +6,13 @@ use evac_geometry::{MotionState, log_so3};
 use evac_stage::{Counters, ScanWithImu};
 
 use super::cell::PoseVariance;
-use super::correction::{Report, correct};
+use super::correction::{Gate, Report, correct};
 use super::degeneracy::Degeneracy;
 use super::deskew::Deskew;
 use super::filter::Filter;
 use super::imu::Reading;
 use super::initialisation::upright;
-use super::matching::{Gate, select};
+use super::matching::select;
 use super::monitor::Verdict;
 use super::plane_map::PlaneMap;
 use super::propagation::{Noise, propagate};
@@ -21,8 +21,9 @@ use super::settling::{Scratch, Settling};
 use super::stage::{Lio, MAX_POINTS, MAX_SELECTED, valid};
 use super::state::State;
 
-/// Gate of the loose mode, metres.
-const LOOSE_GATE: f64 = 0.1;
+/// Added to the gates of the two associations while settling and while lost, metres.
+const SETTLING_GATE: [f64; 2] = [0.1, 0.1];
+const LOST_GATE: [f64; 2] = [0.1, 0.03];
 /// A frame at rest has the standstill's mean specific force and angular velocity within this, m/s^2 and rad/s: the onset of a
 /// motion shows here before the detector believes it.
 const REST_ACCEL: f64 = 0.04;
@@ -44,7 +45,11 @@ impl Lio {
         self.take_points(&filter, input, counters);
         let gate = Gate {
             range_noise: self.config.range_noise_m,
-            floor: if filter.is_loose() { LOOSE_GATE } else { 0.0 },
+            floors: match (filter.settling, filter.monitor.is_lost()) {
+                (Some(_), _) => SETTLING_GATE,
+                (None, true) => LOST_GATE,
+                (None, false) => [0.0; 2],
+            },
         };
         let report = correct(
             &self.map,
