@@ -76,3 +76,53 @@ fn the_station_cloud_converts_and_octomap_reads_it() {
     convert(&cloud, false);
     convert(&cloud, true);
 }
+
+/// A cloud that needs no data: 20,000 points on walls and floors, some of them several times.
+fn generated_cloud() -> Vec<u8> {
+    let mut state = 12_345_u32;
+    let mut next = move |range: f32| {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32 * range
+    };
+    let points = 20_000;
+    let mut cloud = format!(
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {points}\nHEIGHT 1\nPOINTS {points}\nDATA binary\n"
+    )
+    .into_bytes();
+    for i in 0..points {
+        let point = match i % 4 {
+            0 => [next(20.0) - 10.0, next(8.0), 0.0],
+            1 => [next(20.0) - 10.0, 8.0, next(3.0)],
+            2 => [-10.0, next(8.0), next(3.0)],
+            _ => [next(0.5), next(0.5), next(0.5)],
+        };
+        cloud.extend(point.iter().flat_map(|value: &f32| value.to_le_bytes()));
+    }
+    cloud
+}
+
+fn fnv(bytes: &[u8]) -> u64 {
+    bytes
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// Hashes of what OctoMap 1.9.7 (Debian's liboctomap) wrote for the same points: `updateNode(point, true)` for each in
+/// order, then `write()` and `writeBinary()`.
+const OCTOMAP_WROTE: [(&str, u64, u64); 3] = [
+    ("0.05", 0x1b5f_ea18_2dfc_97a3, 0x180f_f249_a562_312c),
+    ("0.1", 0xf713_436b_d12b_8abb, 0x813f_54dc_798b_a02c),
+    ("0.4", 0x0ef5_239d_b243_a930, 0xc867_5118_7235_f9d5),
+];
+
+#[test]
+fn a_cloud_becomes_the_file_that_octomap_writes_byte_for_byte() {
+    let bench = Bench::new();
+    bench.write("cloud.pcd", generated_cloud());
+    for (resolution, full, binary) in OCTOMAP_WROTE {
+        for (name, hash) in [("map.ot", full), ("map.bt", binary)] {
+            bench.run(["convert", "cloud.pcd", "--resolution", resolution, "-o", name]).expect_success();
+            assert_eq!(fnv(&bench.bytes(name)), hash, "{name} at {resolution} m");
+        }
+    }
+}

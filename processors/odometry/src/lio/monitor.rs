@@ -42,6 +42,8 @@ pub(crate) enum Verdict {
 #[derive(Debug, Default)]
 pub(crate) struct Monitor {
     nis: f64,
+    /// Mean share of the selected points that good frames use.
+    usual_share: f64,
     weak: u32,
     lost: bool,
     frames_lost: u32,
@@ -82,17 +84,19 @@ impl Monitor {
         }
         let impossible =
             !(state.velocity.norm() <= config.max_speed_m_s) || !(state.accel_bias.norm() <= MAX_ACCEL_BIAS);
+        let used_share = report.used as f64 / selected;
         if self.lost {
-            return self.while_lost(
-                viewed && share > FOUND_SHARE && report.residual < FOUND_RESIDUAL && !impossible,
-            );
+            // A false match sees few planes, and agrees with those.
+            let found = share > FOUND_SHARE && used_share > FOUND_SHARE * self.usual_share;
+            return self.while_lost(viewed && found && report.residual < FOUND_RESIDUAL && !impossible);
         }
         let weak = viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
         if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || impossible {
-            *self = Self { lost: true, ..Self::default() };
+            *self = Self { lost: true, usual_share: self.usual_share, ..Self::default() };
             return Verdict::JustLost;
         }
+        self.usual_share += FALL * (used_share - self.usual_share);
         Verdict::Good
     }
 
@@ -100,7 +104,7 @@ impl Monitor {
         self.frames_lost += 1;
         self.frames_found = if good { self.frames_found + 1 } else { 0 };
         if self.frames_found >= FOUND_FRAMES {
-            *self = Self::default();
+            *self = Self { usual_share: self.usual_share, ..Self::default() };
             return Verdict::Good;
         }
         if self.frames_lost >= RESTART_FRAMES {
