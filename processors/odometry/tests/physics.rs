@@ -1,4 +1,5 @@
 //! What the odometry must do in a box room whose truth is known.
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic as the test may")]
 
 mod common;
 
@@ -7,8 +8,8 @@ use std::f64::consts::FRAC_PI_2;
 use common::room::{Frame, Room, glide, smooth};
 use common::{Pipeline, position_sigma};
 use evac_frames::{Point, PoseFrame, TrackingState};
-use evac_geometry::nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
 use evac_geometry::map_from_lidar;
+use evac_geometry::nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
 use evac_odometry::{Lio, LioConfig};
 use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu, Stage};
 
@@ -34,7 +35,8 @@ fn end_error(pipeline: &Pipeline, frames: &[Frame]) -> (f64, f64) {
 }
 
 fn is_finite(pose: &PoseFrame) -> bool {
-    let vectors = [pose.position, pose.imu_position, pose.velocity, pose.gyro_bias, pose.accel_bias, pose.gravity];
+    let vectors =
+        [pose.position, pose.imu_position, pose.velocity, pose.gyro_bias, pose.accel_bias, pose.gravity];
     vectors.iter().flatten().chain(&pose.orientation).chain(&pose.imu_orientation).all(|x| x.is_finite())
         && pose.covariance.iter().chain(pose.degenerate_axes.iter().flatten()).all(|x| x.is_finite())
         && pose.quality.is_finite()
@@ -86,7 +88,10 @@ fn a_bias_hidden_by_auto_zero_is_found_in_motion() {
     let room = Room { auto_zero: true, gyro_bias: bias, ..Room::new(4) };
     let frames = room.frames(9.0, |time| {
         let s = smooth((time - 2.0) / 1.0);
-        Isometry3::new(Vector3::new(0.4, 0.2, 0.0) * s, Vector3::new(0.02, 0.03, 0.25) * (s * (1.3 * (time - 2.0)).sin()))
+        Isometry3::new(
+            Vector3::new(0.4, 0.2, 0.0) * s,
+            Vector3::new(0.02, 0.03, 0.25) * (s * (1.3 * (time - 2.0)).sin()),
+        )
     });
     let pipeline = run(&frames);
     let found = Vector3::from(pipeline.trajectory().last().unwrap().gyro_bias);
@@ -169,6 +174,19 @@ fn without_any_imu_for_half_a_second_the_match_alone_goes_on() {
 }
 
 #[test]
+fn without_any_imu_the_match_alone_is_followed_after_the_time_out() {
+    let mut frames = Room::new(24).frames(10.0, |time| {
+        let s = smooth((time - 5.0) / 4.0);
+        Isometry3::new(Vector3::new(1.0, 0.3, 0.0) * s, Vector3::z() * (0.2 * s))
+    });
+    frames.iter_mut().for_each(|frame| frame.imu.clear());
+    let pipeline = run(&frames);
+    assert!(pipeline.trajectory().iter().all(is_finite));
+    let (metres, degrees) = end_error(&pipeline, &frames);
+    assert!(metres < 0.05 && degrees < 1.0, "{metres} m, {degrees} deg");
+}
+
+#[test]
 fn a_second_without_lidar_costs_nothing() {
     let mut frames = Room::new(10).frames(8.0, glide(Vector3::new(1.5, 0.5, 0.0), 0.5, 5.0));
     // The IMU goes on: what it said meanwhile comes with the next scan.
@@ -206,6 +224,8 @@ fn an_imu_that_lies_makes_a_loss_which_is_said_and_mended() {
     assert!(states.contains(&TrackingState::Lost));
     assert_eq!(states.last(), Some(&TrackingState::Tracking));
     assert!(pipeline.lio.diagnostics().losses >= 1);
+    let lost = states.iter().filter(|state| **state == TrackingState::Lost).count();
+    assert_eq!(pipeline.counters.degraded, lost as u64);
     let limit = LioConfig::default().max_speed_m_s;
     for pose in pipeline.trajectory() {
         assert!(is_finite(pose) && Vector3::from(pose.velocity).norm() <= limit);
@@ -271,7 +291,10 @@ fn odometry_alone(frames: &[Frame]) -> (Vec<PoseFrame>, Counters, Lio) {
 fn a_start_in_motion_is_made_after_a_while_with_larger_uncertainty() {
     let frames = Room { max: Vector3::new(20.0, 3.0, 1.8), ..Room::new(16) }.frames(12.0, |time| {
         let gait = Vector3::new(0.0, 0.02 * (11.0 * time).sin(), 0.02 * (9.0 * time).cos());
-        Isometry3::new(Vector3::x() * (0.8 * time) + gait, Vector3::new(0.02, 0.01, 0.03) * (7.0 * time).sin())
+        Isometry3::new(
+            Vector3::x() * (0.8 * time) + gait,
+            Vector3::new(0.02, 0.01, 0.03) * (7.0 * time).sin(),
+        )
     });
     let pipeline = run(&frames);
     assert!(!pipeline.lio.diagnostics().started_standing);
@@ -283,13 +306,15 @@ fn a_start_in_motion_is_made_after_a_while_with_larger_uncertainty() {
 
 #[test]
 fn two_runs_over_the_same_data_are_equal_to_the_bit() {
-    let frames = Room { people: 2, ..Room::new(17) }.frames(6.0, glide(Vector3::new(1.0, 0.3, 0.0), 0.8, 3.0));
+    let frames =
+        Room { people: 2, ..Room::new(17) }.frames(6.0, glide(Vector3::new(1.0, 0.3, 0.0), 0.8, 3.0));
     assert_eq!(run(&frames).trajectory(), run(&frames).trajectory());
 }
 
 #[test]
 fn the_published_covariance_is_symmetric_and_positive() {
-    let room = Room { min: Vector3::new(-3.0, -1.2, -1.2), max: Vector3::new(9.0, 1.2, 1.8), ..Room::new(18) };
+    let room =
+        Room { min: Vector3::new(-3.0, -1.2, -1.2), max: Vector3::new(9.0, 1.2, 1.8), ..Room::new(18) };
     let frames = room.frames(8.0, glide(Vector3::new(0.5, 0.0, 0.0), FRAC_PI_2, 3.0));
     for pose in run(&frames).trajectory().iter().filter(|pose| pose.state != 0) {
         let covariance = Matrix6::from_row_slice(&pose.covariance);

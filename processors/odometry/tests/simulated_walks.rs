@@ -1,4 +1,5 @@
 //! The three recorded walks of the test data, through replay, deskewer and odometry in one process.
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic as the test may")]
 
 mod common;
 

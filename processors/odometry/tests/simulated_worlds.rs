@@ -1,4 +1,5 @@
 //! The simulator's own buildings with everything that its sensors do wrong, above all the gyroscope's auto-zero.
+#![allow(clippy::unwrap_used, reason = "a test's helpers may panic as the test may")]
 
 mod common;
 

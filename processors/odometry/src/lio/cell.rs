@@ -141,3 +141,48 @@ impl Cell {
         });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const EDGE: f64 = 1.6;
+
+    /// Points on a grid in the plane `z = slope * x`, alternately `thickness` above and below.
+    fn sheet(slope: f64, thickness: f64) -> Cell {
+        let mut cell = Cell::new(1, 0, PoseVariance::default());
+        for i in 0..400 {
+            let (x, y) = (f64::from(i % 20) * 0.07, f64::from(i / 20) * 0.07);
+            let side = if (i + i / 20) % 2 == 0 { thickness } else { -thickness };
+            cell.add(&Vector3::new(x, y, slope * x + side), EDGE);
+        }
+        cell
+    }
+
+    #[test]
+    fn points_of_a_wall_make_a_plane_with_its_normal_and_thickness() {
+        let cell = sheet(0.5, 0.01);
+        let plane = cell.plane().unwrap();
+        let normal = Vector3::new(-0.5, 0.0, 1.0).normalize();
+        assert!(plane.normal.cross(&normal).norm() < 2e-3);
+        assert!((plane.variances[0].sqrt() - 0.01 * normal.z).abs() < 1e-3);
+        assert!((plane.leverage(&plane.centroid) - 1.0).abs() < 1e-9);
+        assert!(plane.leverage(&(plane.centroid + Vector3::new(0.0, 5.0, 0.0))) > 100.0);
+    }
+
+    #[test]
+    fn a_thick_cloud_is_no_plane() {
+        assert!(sheet(0.0, 0.1).plane().is_none());
+    }
+
+    #[test]
+    fn a_plane_refuses_points_of_somebody_who_walks_before_it() {
+        let mut cell = sheet(0.0, 0.01);
+        let before = cell;
+        for i in 0..1000 {
+            cell.add(&Vector3::new(0.5 + f64::from(i) * 1e-4, 0.5, 0.3), EDGE);
+        }
+        assert_eq!(cell.count, before.count);
+        assert_eq!(cell.plane(), before.plane());
+    }
+}

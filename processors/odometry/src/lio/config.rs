@@ -94,3 +94,24 @@ impl StageConfig for LioConfig {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_hold_and_survive_a_file() {
+        let config = LioConfig::default();
+        assert_eq!(config.check(), Ok(()));
+        assert_eq!(toml::from_str::<LioConfig>(&toml::to_string(&config).unwrap()).unwrap(), config);
+    }
+
+    #[test]
+    fn unknown_keys_and_values_out_of_range_are_refused_by_name() {
+        assert!(toml::from_str::<LioConfig>("max_cels = 5000").unwrap_err().to_string().contains("max_cels"));
+        for value in [0.0, -1.0, f64::NAN] {
+            let config = LioConfig { range_noise_m: value, ..LioConfig::default() };
+            assert!(config.check().unwrap_err().contains("range_noise_m"));
+        }
+    }
+}

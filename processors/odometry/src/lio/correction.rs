@@ -143,3 +143,51 @@ fn nis(d: &Error, p_measured: &SMatrix<f64, MEASURED, MEASURED>) -> f64 {
     let predicted: SMatrix<f64, 6, 6> = p_measured.fixed_view::<6, 6>(0, 0).into_owned();
     predicted.cholesky().map_or(0.0, |cholesky| pose.dot(&cholesky.solve(&pose)) / 6.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use evac_geometry::STANDARD_GRAVITY;
+    use evac_geometry::nalgebra::{Isometry3, UnitQuaternion};
+
+    use super::super::matching::select;
+    use super::super::state::add_variance;
+    use super::*;
+
+    #[test]
+    fn a_wall_corrects_the_distance_from_it_and_nothing_along_it() {
+        let mut map = PlaneMap::new(4096);
+        let mut selected = Vec::new();
+        for i in 0..8000 {
+            let noise = if (i / 90 + i) % 2 == 0 { 0.015 } else { -0.015 };
+            let point =
+                Vector3::new(2.0 + noise, f64::from(i % 90) * 0.01 - 0.45, f64::from(i / 90) * 0.01 - 0.45);
+            map.insert(&point);
+            if i % 7 == 0 {
+                // Seen from 3 cm nearer than believed, and shifted sideways, which a wall does not show.
+                selected.push(select(&Isometry3::identity(), &(point - Vector3::new(0.03, 0.01, 0.02))));
+            }
+        }
+        let mut state = State {
+            rotation: UnitQuaternion::identity(),
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+            gyro_scale: Vector3::zeros(),
+            time_offset_s: 0.0,
+        };
+        let mut covariance = Covariance::zeros();
+        add_variance(&mut covariance, at::ROTATION, 1e-8);
+        add_variance(&mut covariance, at::POSITION, 1e-2);
+        let gate = Gate { range_noise: 0.02, floors: [0.0; 2] };
+        let mut matches = Vec::new();
+        let report =
+            correct(&map, &selected, &mut state, &mut covariance, &Vector3::zeros(), &gate, &mut matches);
+        assert!(report.used > selected.len() / 2, "{report:?}");
+        assert!((state.position.x - 0.03).abs() < 2e-3, "{:?}", state.position);
+        assert!(state.position.yz().norm() < 1e-3, "{:?}", state.position);
+        let sigma = |i: usize| covariance[(at::POSITION + i, at::POSITION + i)].sqrt();
+        assert!(sigma(0) < 0.01 && sigma(1) > 0.09 && sigma(2) > 0.09);
+    }
+}

@@ -22,11 +22,28 @@ impl Degeneracy {
         let mut found = Self::default();
         for i in order {
             // NaN counts as not observed.
-            if !(eigen.eigenvalues[i] >= OBSERVED) {
+            let observed = eigen.eigenvalues[i] >= OBSERVED;
+            if !observed {
                 found.axes[found.count] = eigen.eigenvectors.column(i).into_owned();
                 found.count += 1;
             }
         }
         found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wall_and_a_floor_leave_their_common_direction() {
+        let (wall, floor) = (Vector3::x(), Vector3::z());
+        let information = (wall * wall.transpose() + floor * floor.transpose()) * 1e5;
+        let found = Degeneracy::of(&information);
+        assert_eq!(found.count, 1);
+        assert!(found.axes[0].cross(&Vector3::y()).norm() < 1e-9);
+        assert_eq!(Degeneracy::of(&(Matrix3::identity() * 1e5)).count, 0);
+        assert_eq!(Degeneracy::of(&Matrix3::zeros()).count, 3);
     }
 }

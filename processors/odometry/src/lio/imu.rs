@@ -101,3 +101,45 @@ pub(crate) fn between(a: &Reading, b: &Reading, stamp_ns: i64) -> Reading {
         held: a.held && b.held,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(k: i64, gyro: f64) -> ImuSample {
+        ImuSample {
+            stamp_ns: k * 5_000_000,
+            gyro: [gyro, 0.0, 0.0],
+            accel: [0.0, 0.0, 9.8],
+            ..Default::default()
+        }
+    }
+
+    #[test]
+    fn a_run_of_exact_zeros_is_held_from_its_start_and_a_single_zero_is_not() {
+        let mut track = ImuTrack::new();
+        let samples: Vec<_> =
+            (0..30).map(|k| sample(k, if (10..20).contains(&k) || k == 25 { 0.0 } else { 0.01 })).collect();
+        track.extend(&samples[..14], 70_000_000);
+        track.extend(&samples[13..], 150_000_000);
+        let held: Vec<bool> = track.readings().iter().map(|reading| reading.held).collect();
+        assert_eq!(held.len(), 30);
+        assert!((0..30).all(|k| held[k] == (10..20).contains(&k)));
+    }
+
+    #[test]
+    fn impossible_values_and_stamps_far_ahead_are_refused_and_counted() {
+        let mut track = ImuTrack::new();
+        let far = sample(1_000_000, 0.1);
+        track.extend(&[sample(0, f64::NAN), sample(1, 1e6), far, sample(2, 0.1)], 100_000_000);
+        assert_eq!((track.readings().len(), track.rejected), (1, 3));
+    }
+
+    #[test]
+    fn the_last_reading_at_or_before_the_border_is_kept() {
+        let mut track = ImuTrack::new();
+        track.extend(&(0..10).map(|k| sample(k, 0.1)).collect::<Vec<_>>(), 100_000_000);
+        track.forget_before(22_000_000);
+        assert_eq!(track.readings()[0].stamp_ns, 20_000_000);
+    }
+}

@@ -184,3 +184,60 @@ pub(crate) fn upright(up: &Vector3<f64>, imu_from_lidar: &Isometry3<f64>) -> Uni
     let imu_from_map = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, *up]));
     UnitQuaternion::from_rotation_matrix(&imu_from_map).inverse()
 }
+
+#[cfg(test)]
+mod tests {
+    use evac_frames::ImuSample;
+
+    use super::*;
+
+    fn stand(gyro: [f64; 3], accel: Vector3<f64>, rig: &Isometry3<f64>) -> Start {
+        let (mut detector, mut initialiser) = (StandstillDetector::default(), Initialiser::new());
+        for k in 0..400 {
+            // Noise that the detector needs to judge changes by.
+            let noise = Vector3::new(0.02, -0.02, 0.02) * if k % 2 == 0 { 1.0 } else { -1.0 };
+            let sample = ImuSample {
+                stamp_ns: k * 5_000_000,
+                gyro,
+                accel: (accel + noise).into(),
+                ..Default::default()
+            };
+            detector.push(&sample);
+        }
+        initialiser.take(&[], 2.0);
+        initialiser.start(&detector, &LioConfig::default(), rig).unwrap()
+    }
+
+    #[test]
+    fn gravity_ends_on_the_maps_z_and_the_lidar_looks_along_its_x() {
+        let rig = evac_geometry::imu_from_lidar([0.1, -0.2, 0.3], [10.0, -20.0, 30.0]);
+        let tilt = UnitQuaternion::from_euler_angles(0.2, -0.3, 0.0);
+        let map_from_imu = tilt * rig.rotation.inverse();
+        let start = stand([0.01, 0.0, 0.0], map_from_imu.inverse() * Vector3::new(0.0, 0.0, 9.9), &rig);
+        assert!(start.standing);
+        let map_from_lidar = start.state.map_from_imu() * rig;
+        assert!(map_from_lidar.rotation.angle_to(&tilt) < 1e-9);
+        assert!(map_from_lidar.translation.vector.norm() < 1e-12);
+        assert!((start.state.accel_bias.norm() - (9.9 - STANDARD_GRAVITY)).abs() < 1e-6);
+        assert!((start.state.gyro_bias.x - 0.01).abs() < 1e-9);
+    }
+
+    #[test]
+    fn tilt_and_accelerometer_bias_share_one_uncertainty_that_the_standstill_did_not_resolve() {
+        let start = stand([0.01, 0.0, 0.0], Vector3::new(0.0, 0.0, 9.8), &Isometry3::identity());
+        // What is measured at rest, bias - R^T g, is known; each part is not.
+        let p = |i: usize, j: usize| start.covariance[(i, j)];
+        let (g, b) = (at::GRAVITY, at::ACCEL_BIAS);
+        assert!(p(g, g).sqrt() > 0.045 && p(b, b).sqrt() > 0.045);
+        let sum = p(g, g) + p(b, b) - 2.0 * p(g, b);
+        assert!(sum.sqrt() < 0.01, "{sum}");
+    }
+
+    #[test]
+    fn a_gyroscope_that_reads_zeros_at_rest_has_an_unknown_bias() {
+        let start = stand([0.0; 3], Vector3::new(0.0, 0.0, 9.8), &Isometry3::identity());
+        assert_eq!(start.state.gyro_bias, Vector3::zeros());
+        let hidden = LioConfig::default().hidden_gyro_bias_rad_s;
+        assert!((start.covariance[(at::GYRO_BIAS, at::GYRO_BIAS)].sqrt() - hidden).abs() < 1e-12);
+    }
+}

@@ -1,4 +1,12 @@
 //! The stage `lio`: see [`Lio`].
+//!
+//! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`]); then [`tracking`] carries the
+//! [`filter`] on by the IMU ([`imu`], [`propagation`]), brings points to the frame's end where that was not done ([`deskew`]), matches
+//! them with planes ([`matching`], [`plane_map`], [`cell`]), corrects ([`correction`]), says what was not observed
+//! ([`degeneracy`]), judges ([`monitor`], [`settling`]), maps, and reports ([`report`]).
+//!
+//! Mathematics: iterated error-state Kalman filter after Xu et al. 2022 (FAST-LIO2), voxel planes with their uncertainty
+//! after Yuan et al. 2022 (VoxelMap), in the information form of [`correction`] that inverts neither prior nor information.
 
 mod cell;
 mod config;

@@ -82,17 +82,17 @@ impl Monitor {
             let rate = if report.nis > self.nis { RISE } else { FALL };
             self.nis += rate * (report.nis.min(100.0) - self.nis);
         }
-        let impossible =
-            !(state.velocity.norm() <= config.max_speed_m_s) || !(state.accel_bias.norm() <= MAX_ACCEL_BIAS);
+        let possible =
+            state.velocity.norm() <= config.max_speed_m_s && state.accel_bias.norm() <= MAX_ACCEL_BIAS;
         let used_share = report.used as f64 / selected;
         if self.lost {
             // A false match sees few planes, and agrees with those.
             let found = share > FOUND_SHARE && used_share > FOUND_SHARE * self.usual_share;
-            return self.while_lost(viewed && found && report.residual < FOUND_RESIDUAL && !impossible);
+            return self.while_lost(viewed && found && report.residual < FOUND_RESIDUAL && possible);
         }
         let weak = viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
-        if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || impossible {
+        if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
             *self = Self { lost: true, usual_share: self.usual_share, ..Self::default() };
             return Verdict::JustLost;
         }
@@ -112,5 +112,64 @@ impl Monitor {
             return Verdict::Restart;
         }
         Verdict::Lost
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evac_geometry::nalgebra::{UnitQuaternion, Vector3};
+
+    use super::*;
+
+    fn standing() -> State {
+        State {
+            rotation: UnitQuaternion::identity(),
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            gravity: Vector3::zeros(),
+            gyro_scale: Vector3::zeros(),
+            time_offset_s: 0.0,
+        }
+    }
+
+    fn report(used: usize, residual: f64, nis: f64) -> Report {
+        Report { selected: 2500, in_view: 2400, used, residual, nis, ..Report::default() }
+    }
+
+    #[test]
+    fn a_bad_match_is_a_loss_after_three_frames_and_five_good_ones_end_it() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge = |report: &Report| monitor.judge(report, false, &standing(), &config);
+        for _ in 0..50 {
+            assert_eq!(judge(&report(2300, 0.9, 0.05)), Verdict::Good);
+        }
+        let verdicts: Vec<_> = (0..4).map(|_| judge(&report(100, 1.0, 0.05))).collect();
+        assert_eq!(verdicts, [Verdict::Good, Verdict::Good, Verdict::JustLost, Verdict::Lost]);
+        let verdicts: Vec<_> = (0..5).map(|_| judge(&report(2200, 1.2, 0.2))).collect();
+        assert_eq!(verdicts[3..], [Verdict::Lost, Verdict::Good]);
+    }
+
+    #[test]
+    fn a_loss_that_lasts_begins_a_new_map() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut fast = standing();
+        fast.velocity.x = 10.0;
+        assert_eq!(monitor.judge(&report(2300, 0.9, 0.05), false, &fast, &config), Verdict::JustLost);
+        let verdicts: Vec<_> =
+            (0..30).map(|_| monitor.judge(&report(10, 3.0, 0.1), false, &standing(), &config)).collect();
+        assert!(verdicts[..29].iter().all(|verdict| *verdict == Verdict::Lost));
+        assert_eq!(verdicts[29], Verdict::Restart);
+        assert!(!monitor.is_lost());
+    }
+
+    #[test]
+    fn the_noise_grows_with_surprise_but_not_from_a_blind_frame() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        monitor.judge(&report(2300, 0.9, 3.0), true, &standing(), &config);
+        assert_eq!(monitor.noise_factor(), 1.0);
+        monitor.judge(&report(2300, 0.9, 3.0), false, &standing(), &config);
+        assert!((monitor.noise_factor() - 16.0).abs() < 1e-9);
     }
 }

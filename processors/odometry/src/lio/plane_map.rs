@@ -180,8 +180,8 @@ fn key(level: usize, edge: f64, point: &Vector3<f64>) -> Option<u64> {
     let mut key = 4 | level as u64;
     for coordinate in point.iter() {
         let index = (coordinate / edge).floor();
-        // NaN is refused too.
-        if !(index.abs() < limit) {
+        // NaN is inside no range.
+        if !(-limit..limit).contains(&index) {
             return None;
         }
         key = (key << COORDINATE_BITS) | ((index + limit) as u64);
@@ -193,4 +193,53 @@ fn key(level: usize, edge: f64, point: &Vector3<f64>) -> Option<u64> {
 fn hash(key: u64) -> usize {
     let mixed = (key ^ (key >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     (mixed ^ (mixed >> 29)) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_map_stays_within_its_ceiling_and_finds_all_that_it_holds() {
+        let mut map = PlaneMap::new(4096);
+        for frame in 0..60 {
+            map.next_frame(PoseVariance::default());
+            for i in 0..200 {
+                map.insert(&Vector3::new(f64::from(frame) * 0.9, f64::from(i) * 0.31 - 30.0, 0.05));
+            }
+        }
+        assert!(map.len() == 4096 && map.evicted > 1000);
+        let mut indices: Vec<usize> =
+            map.slots.iter().filter(|slot| slot[0] != EMPTY).map(|s| s[1] as usize).collect();
+        for [key, index] in map.slots.iter().filter(|slot| slot[0] != EMPTY) {
+            assert_eq!(map.cells[*index as usize].key, *key);
+            assert_eq!(map.slots[map.slot_of(*key)][1], *index);
+        }
+        indices.sort_unstable();
+        assert_eq!(indices, (0..4096).collect::<Vec<_>>());
+        let here = Vector3::new(59.0 * 0.9, 0.0, 0.05);
+        assert!((0..EDGES.len()).all(|level| map.find(level, &here).is_some()));
+    }
+
+    #[test]
+    fn the_start_outlives_what_came_between() {
+        let mut map = PlaneMap::new(4096);
+        let start = Vector3::new(0.1, 0.1, 0.1);
+        map.insert(&start);
+        for i in 0..20_000 {
+            map.next_frame(PoseVariance::default());
+            map.insert(&Vector3::new(10.0 + f64::from(i), 0.0, 0.0));
+        }
+        assert!(map.find(0, &start).is_some());
+        assert!(map.find(0, &Vector3::new(1000.0, 0.0, 0.0)).is_none());
+    }
+
+    #[test]
+    fn places_that_no_key_can_name_are_refused() {
+        let mut map = PlaneMap::new(4096);
+        for x in [f64::NAN, f64::INFINITY, 1e9, -1e9] {
+            map.insert(&Vector3::new(x, 0.0, 0.0));
+        }
+        assert_eq!(map.len(), 0);
+    }
 }

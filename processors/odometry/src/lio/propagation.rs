@@ -180,3 +180,81 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     state.velocity += accel * h;
     state.rotation = next;
 }
+
+#[cfg(test)]
+mod tests {
+    use evac_geometry::STANDARD_GRAVITY;
+    use evac_geometry::nalgebra::UnitQuaternion;
+
+    use super::*;
+
+    fn at_rest() -> State {
+        State {
+            rotation: UnitQuaternion::identity(),
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+            gyro_scale: Vector3::zeros(),
+            time_offset_s: 0.0,
+        }
+    }
+
+    fn readings(gyro: Vector3<f64>, accel: Vector3<f64>, held: bool) -> Vec<Reading> {
+        (0..=200).map(|k| Reading { stamp_ns: k * 5_000_000, gyro, accel, held }).collect()
+    }
+
+    fn run(state: &mut State, readings: &[Reading]) -> (Covariance, u64) {
+        let mut covariance = Covariance::zeros();
+        let noise = Noise::new(&LioConfig::default(), 1.0, false, false);
+        let rate = Vector3::zeros();
+        let mut trace = Vec::with_capacity(512);
+        let span = (0, 1_000_000_000);
+        let gaps = propagate(state, &mut covariance, readings, span, &rate, &noise, &mut trace);
+        (covariance, gaps)
+    }
+
+    #[test]
+    fn a_second_of_steady_acceleration_and_turn_ends_where_it_must() {
+        let mut state = at_rest();
+        state.gyro_bias = Vector3::new(0.0, 0.0, 0.1);
+        let up = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        run(&mut state, &readings(Vector3::new(0.0, 0.0, 0.6), up + Vector3::new(0.0, 0.0, 2.0), false));
+        assert!((state.position - Vector3::new(0.0, 0.0, 1.0)).norm() < 1e-9);
+        assert!((state.velocity - Vector3::new(0.0, 0.0, 2.0)).norm() < 1e-9);
+        assert!((state.rotation.scaled_axis() - Vector3::new(0.0, 0.0, 0.5)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_gyroscope_held_at_zero_does_not_turn_the_state_by_its_bias() {
+        let mut state = at_rest();
+        state.gyro_bias = Vector3::new(0.0, 0.0, 0.01);
+        let up = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        let (covariance, _) = run(&mut state, &readings(Vector3::zeros(), up, true));
+        assert_eq!(state.rotation.angle(), 0.0);
+        // The hidden rate counts as noise: 0.03 rad/s per sample over a second.
+        assert!((covariance[(2, 2)].sqrt() - 0.03 * 0.005_f64.sqrt()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn without_readings_the_motion_goes_on_and_the_uncertainty_says_so() {
+        let mut state = at_rest();
+        state.velocity = Vector3::new(1.0, 0.0, 0.0);
+        let (blind, gaps) = run(&mut state, &[]);
+        assert_eq!(gaps, 10);
+        assert!((state.position - Vector3::new(1.0, 0.0, 0.0)).norm() < 1e-9);
+        let mut other = at_rest();
+        let up = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        let (seen, _) = run(&mut other, &readings(Vector3::zeros(), up, false));
+        assert!(blind[(7, 7)] > 100.0 * seen[(7, 7)] && blind[(0, 0)] > 100.0 * seen[(0, 0)]);
+    }
+
+    #[test]
+    fn a_sample_missing_for_sixty_milliseconds_is_one_gap() {
+        let up = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
+        let mut readings = readings(Vector3::zeros(), up, false);
+        readings.retain(|reading| !(300_000_000..360_000_000).contains(&reading.stamp_ns));
+        assert_eq!(run(&mut at_rest(), &readings).1, 1);
+    }
+}

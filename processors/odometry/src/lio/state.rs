@@ -97,3 +97,29 @@ pub(crate) fn add_variance(covariance: &mut Covariance, index: usize, variance: 
         covariance[(i, i)] += variance;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gravity_keeps_its_norm_and_a_rotation_error_acts_in_the_imu_frame() {
+        let state = State {
+            rotation: exp_so3(&Vector3::new(0.0, 0.0, 1.0)),
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+            gyro_scale: Vector3::zeros(),
+            time_offset_s: 0.0,
+        };
+        let mut d = Error::zeros();
+        d[at::ROTATION] = 0.1;
+        d[at::GRAVITY] = 0.5;
+        let moved = state.plus(&d);
+        assert!((moved.gravity.norm() - STANDARD_GRAVITY).abs() < 1e-12 && moved.gravity.x > 0.4);
+        let turn = state.rotation.inverse() * moved.rotation;
+        assert!((turn.scaled_axis() - Vector3::new(0.1, 0.0, 0.0)).norm() < 1e-12);
+    }
+}

@@ -70,6 +70,7 @@ impl Lio {
             None => self.judge(&mut filter, &report, &before.0, &predicted),
         };
         filter.rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
+        counters.degraded += u64::from(tracking == TrackingState::Lost);
         let frame = &input.header.frame;
         let pose = match tracking {
             TrackingState::Initialising => {

@@ -1,5 +1,5 @@
 //! Deskewer and odometry in one process, and the figures of a trajectory against the truth.
-#![allow(dead_code, reason = "each test binary uses its own part")]
+#![allow(dead_code, unreachable_pub, reason = "each test binary uses its own part")]
 
 pub mod room;
 
