@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use evac_config::Pipeline;
-use evac_ports::{Bus, Domain, wait_on};
+use evac_ports::{Bus, Domain, Wake, wait_on};
 use evac_stage::RunError;
 use serde_json::{Map, Value, json};
 
@@ -37,8 +37,9 @@ pub(crate) fn status(args: &StatusArgs) -> Result<(), LaunchError> {
     let bus = Bus::join(&domain, "status")?;
     let (mut board, listener) = HealthBoard::open(&bus)?;
     let until = Instant::now() + PATIENCE;
-    wait_on(&[listener], |_| match board.take_in() {
+    wait_on(&[listener], |wake| match board.take_in() {
         Err(cause) => ControlFlow::Break(Err(cause)),
+        Ok(()) if wake == Wake::Stop => ControlFlow::Break(Ok(())),
         Ok(()) => match until.checked_duration_since(Instant::now()) {
             Some(left) if !left.is_zero() => ControlFlow::Continue(left),
             _ => ControlFlow::Break(Ok(())),

@@ -92,7 +92,8 @@ impl Supervisor {
             .args(arguments)
             .arg("--config")
             .arg(file)
-            .args(["--name", entry.name(), "--domain", domain.name(), "--die-with-parent"])
+            .args(["--name", entry.name(), "--domain", domain.name()])
+            .args(["--die-with-parent".to_owned(), std::process::id().to_string()])
             .args(log.as_args())
             // Of its own, so that Ctrl-C reaches the launcher only and the stages are stopped in order.
             .process_group(0);

@@ -77,7 +77,11 @@ impl Columns {
         if voxel.log_odds.is_nan() || outside(x, cx) || outside(y, cy) {
             return Err(Refused);
         }
-        let tile = self.tiles.entry([x.div_euclid(SIDE), y.div_euclid(SIDE)]).or_default();
+        let at = [x.div_euclid(SIDE), y.div_euclid(SIDE)];
+        if self.layers >= self.max_layers && !self.tiles.contains_key(&at) {
+            return Err(Refused);
+        }
+        let tile = self.tiles.entry(at).or_default();
         let chunk = z.div_euclid(LAYER);
         let layer = match tile.iter().position(|layer| layer.chunk == chunk) {
             Some(at) => tile.get_mut(at),
@@ -224,6 +228,7 @@ mod tests {
         });
         assert!(taken.count() < 2000);
         assert_eq!(columns.layers, columns.max_layers);
+        assert!(columns.tiles.values().all(|tile| !tile.is_empty()), "what was refused leaves nothing");
         assert!((600..700).contains(&columns.layers));
     }
 

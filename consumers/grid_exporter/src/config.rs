@@ -21,18 +21,25 @@ pub struct GridExporterConfig {
     /// thresholds and the noise of the ground, above 1.8 m lamps, door frames and the ceiling.
     pub band_m: [f64; 2],
     /// A cell is occupied when at least one occupied voxel of the band stands in it and this many in it and its eight
-    /// neighbours together. 2 keeps walls, low boxes and thin posts, and drops single stray voxels.
+    /// neighbours together. 2 keeps walls, low boxes and thin posts. A cell with fewer, a stray point or a wire, is unknown.
     pub min_occupied_voxels: u32,
-    /// A cell without seen ground is free when this many free voxels of the band were seen in it: 2, so that one ray
-    /// over a table does not make the floor behind it free.
+    /// A cell without seen ground is free when this many free voxels were seen in it from the band's lower end up to
+    /// `seen_down_to_m`: 2, so that a single ray does not decide.
     pub min_free_voxels: u32,
+    /// How near to the floor a cell without seen ground must have been seen through, metres. What is lower than this and
+    /// seen over may hide there, so 0.5 is less than a table, a planter or a parapet.
+    pub seen_down_to_m: f64,
+    /// Free cells in a gap narrower than this between two obstacles are closed, metres. Nobody passes through 0.3 m; the
+    /// gaps are mostly places where few rays hit the top of a bench or a step.
+    pub min_gap_m: f64,
     /// A voxel counts as occupied from this probability on. 0.5 as OctoMap and the mapper have it.
     pub occupied_probability: f64,
     /// Height of the LiDAR above the ground in metres, used until enough ground was seen under the path to measure it.
     /// 1.2 m is a sensor carried at the hip or on a small robot.
     pub sensor_height_m: f64,
-    /// Largest change of the ground's height in metres between two places 0.5 m apart that still is the same storey:
-    /// steep ramps and stairs pass, another storey or a platform's edge does not.
+    /// Largest change of the ground's height in metres between two places 0.5 m apart that still is the same storey. 0.4:
+    /// kerbs, two steps and stairs up to 38 degrees pass, another storey or the edge of a platform (0.55 m and more) does
+    /// not.
     pub max_step_m: f64,
     /// Unknown border around the known area, metres, for planners that need one.
     pub margin_m: f64,
@@ -53,9 +60,11 @@ impl Default for GridExporterConfig {
             band_m: [0.2, 1.8],
             min_occupied_voxels: 2,
             min_free_voxels: 2,
+            seen_down_to_m: 0.5,
+            min_gap_m: 0.3,
             occupied_probability: 0.5,
             sensor_height_m: 1.2,
-            max_step_m: 0.6,
+            max_step_m: 0.4,
             margin_m: 0.5,
             max_side_cells: 8192,
             max_memory_mib: 512,
@@ -78,8 +87,10 @@ impl StageConfig for GridExporterConfig {
         count("min_occupied_voxels", self.min_occupied_voxels, 1, 100)?;
         count("min_free_voxels", self.min_free_voxels, 1, 100)?;
         range("occupied_probability", self.occupied_probability, 0.01, 0.99, "0.5 is OctoMap's")?;
+        range("seen_down_to_m", self.seen_down_to_m, low, high, "0.5 is lower than a table; within band_m")?;
+        range("min_gap_m", self.min_gap_m, 0.0, 1.0, "0.3 is too narrow for anyone, 0 closes none")?;
         range("sensor_height_m", self.sensor_height_m, 0.0, 10.0, "measure from the ground to the LiDAR")?;
-        range("max_step_m", self.max_step_m, 0.05, 2.0, "0.6 passes stairs and keeps storeys apart")?;
+        range("max_step_m", self.max_step_m, 0.05, 2.0, "0.4 passes stairs and keeps platforms apart")?;
         range("margin_m", self.margin_m, 0.0, 100.0, "0.5 leaves a border of unknown")?;
         count("max_side_cells", self.max_side_cells, 64, 16_384)?;
         count("max_memory_mib", self.max_memory_mib, 1, 65_536)

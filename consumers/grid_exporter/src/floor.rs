@@ -26,6 +26,8 @@ const STOREY_GAP_M: f64 = 2.0;
 const STOREY_REACH_M: f64 = 2.0;
 /// How far the ground may lie from the path less the measured height of the sensor, metres: a step and the gait.
 const TREAD_M: f64 = 0.25;
+/// A path that changes its height by more than this within a block is on a stair, metres: the gait does not.
+const CLIMB_M: f64 = 0.12;
 /// How far a height reaches over blocks without ground before the storey's main height is taken, metres.
 const BESIDE_M: f64 = 1.0;
 /// The sensor is held between these heights, metres.
@@ -36,6 +38,15 @@ const SENSOR_HEIGHTS_M: [f64; 2] = [0.15, 3.0];
 pub(crate) struct Area {
     pub(crate) low: [i32; 2],
     pub(crate) size: [u32; 2],
+}
+
+impl Area {
+    /// Place of a cell in the rows from the lowest y on, by its offset.
+    pub(crate) fn index(&self, x: i32, y: i32) -> Option<usize> {
+        let [width, height] = self.size.map(|cells| cells as i32);
+        let inside = (0..width).contains(&x) && (0..height).contains(&y);
+        inside.then(|| y as usize * width as usize + x as usize)
+    }
 }
 
 /// What heights are taken from.
@@ -52,14 +63,40 @@ enum Otherwise {
     TakeExpected,
 }
 
+/// The path within one block, without leaving it: the floor's heights below it.
+#[derive(Debug, Clone, Copy)]
+struct Stay {
+    block: [i32; 2],
+    sum: f64,
+    count: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Stay {
+    fn new(block: [i32; 2], floor: f64) -> Self {
+        Self { block, sum: floor, count: 1.0, low: floor, high: floor }
+    }
+
+    fn add(&mut self, floor: f64) {
+        self.sum += floor;
+        self.count += 1.0;
+        self.low = self.low.min(floor);
+        self.high = self.high.max(floor);
+    }
+}
+
 /// Height of the ground by block.
 #[derive(Default)]
 pub(crate) struct Floor {
     block_cells: i32,
     max_step: f64,
+    sensor_height: f64,
     low: [i32; 2],
     size: [i32; 2],
     levels: Vec<Option<f64>>,
+    /// Blocks in which the path climbs.
+    stairs: Vec<bool>,
     /// Blocks that have their height, in the order in which they got it.
     assigned: Vec<[i32; 2]>,
     samples: Vec<f64>,
@@ -94,10 +131,13 @@ impl Floor {
         let blocks = self.size.iter().product::<i32>() as usize;
         self.levels.clear();
         self.levels.resize(blocks, None);
+        self.stairs.clear();
+        self.stairs.resize(blocks, false);
 
         self.max_step = config.max_step_m;
         let measured = self.sensor_height(columns, path, resolution);
         let sensor_height = measured.unwrap_or(config.sensor_height_m);
+        self.sensor_height = sensor_height;
         // With a measured height the path tells a tread from the floor below the stair.
         let reach = if measured.is_some() { TREAD_M.min(self.max_step) } else { self.max_step };
         self.assigned.clear();
@@ -132,6 +172,18 @@ impl Floor {
         along_x(0) * (1.0 - share_y) + along_x(1) * share_y
     }
 
+    /// Whether whoever carried the sensor at this place in metres stood on this floor.
+    pub(crate) fn carries(&self, [x, y, z]: [f64; 3], resolution: f64) -> bool {
+        let floor = self.at(cell_of(x, resolution), cell_of(y, resolution));
+        (z - self.sensor_height - floor).abs() <= self.max_step
+    }
+
+    /// Whether the path climbs at this place in metres.
+    pub(crate) fn is_stair(&self, [x, y, _]: [f64; 3], resolution: f64) -> bool {
+        let stair = self.index(self.block_at(x, y, resolution)).and_then(|index| self.stairs.get(index));
+        stair.copied().unwrap_or_default()
+    }
+
     /// Median height of the path above the ground seen below it.
     fn sensor_height(&mut self, columns: &Columns, path: &Path, resolution: f64) -> Option<f64> {
         let reach = (BELOW_M / resolution).floor() as i32;
@@ -155,33 +207,39 @@ impl Floor {
         if self.samples.len() < MIN_HEIGHT_SAMPLES { None } else { median(&mut self.samples) }
     }
 
-    /// Gives the path's blocks their heights, in the order of time: of each stay in a block the mean.
+    /// Gives the path's blocks their heights, in the order of time.
     fn follow(&mut self, ground: &Ground<'_>, path: &Path, sensor_height: f64) {
         let mut on_storey = true;
-        let mut stay: Option<([i32; 2], f64, f64)> = None;
+        let mut stay: Option<Stay> = None;
         for [x, y, z] in path.points() {
             let block = self.block_at(x, y, ground.resolution);
             let floor = z - sensor_height;
-            stay = match stay {
-                Some((here, sum, count)) if here == block => Some((here, sum + floor, count + 1.0)),
+            match &mut stay {
+                Some(stay) if stay.block == block => stay.add(floor),
                 _ => {
                     self.settle(ground, stay, &mut on_storey);
-                    Some((block, floor, 1.0))
+                    stay = Some(Stay::new(block, floor));
                 }
-            };
+            }
         }
         self.settle(ground, stay, &mut on_storey);
     }
 
-    fn settle(&mut self, ground: &Ground<'_>, stay: Option<([i32; 2], f64, f64)>, on_storey: &mut bool) {
-        let Some((block, sum, count)) = stay else { return };
-        let floor = sum / count;
+    fn settle(&mut self, ground: &Ground<'_>, stay: Option<Stay>, on_storey: &mut bool) {
+        let Some(stay) = stay else { return };
+        let (block, floor) = (stay.block, stay.sum / stay.count);
         match self.level(block) {
             Some(level) if *on_storey => *on_storey = (floor - level).abs() <= STOREY_GAP_M,
             Some(level) => *on_storey = (floor - level).abs() <= self.max_step,
             None if *on_storey => {
                 *on_storey = self.is_one_storey(block, floor, ground.resolution);
-                if *on_storey {
+                if *on_storey && stay.high - stay.low > CLIMB_M {
+                    // The ground seen on a stair is that before its first step.
+                    self.put(block, floor);
+                    if let Some(stair) = self.index(block).and_then(|index| self.stairs.get_mut(index)) {
+                        *stair = true;
+                    }
+                } else if *on_storey {
                     self.assign(ground, block, floor, Otherwise::TakeExpected);
                 }
             }
@@ -234,7 +292,9 @@ impl Floor {
 
     /// Gives a block that has none its height: the median of its ground within a step of `expected`.
     fn assign(&mut self, ground: &Ground<'_>, block: [i32; 2], expected: f64, otherwise: Otherwise) {
-        let Some(index) = self.index(block).filter(|_| self.level(block).is_none()) else { return };
+        if self.index(block).is_none() || self.level(block).is_some() {
+            return;
+        }
         let [x0, y0] = [0, 1].map(|axis: usize| (self.low[axis] + block[axis]) * self.block_cells);
         self.samples.clear();
         for (y, x) in
@@ -252,7 +312,12 @@ impl Floor {
             (None, Otherwise::TakeExpected) => expected,
             (None, Otherwise::Wait) => return,
         };
-        if let Some(slot) = self.levels.get_mut(index) {
+        self.put(block, level);
+    }
+
+    fn put(&mut self, block: [i32; 2], level: f64) {
+        let slot = self.index(block).and_then(|index| self.levels.get_mut(index));
+        if let Some(slot) = slot {
             *slot = Some(level);
             self.assigned.push(block);
         }

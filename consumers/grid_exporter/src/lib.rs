@@ -20,7 +20,7 @@ use std::fs;
 
 use evac_formats::FormatError;
 use evac_formats::occupancy_grid;
-use evac_frames::{FrameHeader, GridHeader, MapHeader, frame_flags, map_flags};
+use evac_frames::{FrameHeader, GridHeader, MapHeader, TrackingState, frame_flags, map_flags};
 use evac_stage::{Counters, GridOutput, PlanInput, Rig, Stage, StageConfig, StageError};
 
 pub use config::GridExporterConfig;
@@ -80,7 +80,9 @@ impl Stage for GridExporter {
         } else {
             counters.degraded += 1;
         }
-        if !self.path.push(input.pose.position) {
+        // The path says where a floor is: a lost pose would say it anywhere.
+        let lost = matches!(input.pose.tracking_state(), None | Some(TrackingState::Lost));
+        if lost || !self.path.push(input.pose.position) {
             counters.degraded += 1;
         }
         self.unsaved = true;

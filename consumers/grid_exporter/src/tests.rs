@@ -19,6 +19,7 @@ struct Bench {
     counters: Counters,
     folder: tempfile::TempDir,
     time_ns: i64,
+    state: TrackingState,
 }
 
 impl Bench {
@@ -37,6 +38,7 @@ impl Bench {
             counters: Counters::default(),
             folder,
             time_ns: 0,
+            state: TrackingState::Tracking,
         }
     }
 
@@ -45,7 +47,7 @@ impl Bench {
         let frame = FrameHeader { end_ns: self.time_ns, ..FrameHeader::default() };
         let header =
             MapHeader { frame, resolution: RESOLUTION, position, map_flags: flags, ..MapHeader::default() };
-        let pose = PoseFrame { frame, position, ..PoseFrame::default() };
+        let pose = PoseFrame { frame, position, state: self.state as u32, ..PoseFrame::default() };
         let input = PlanInput { map: MapMessage { header: &header, voxels }, pose: &pose };
         self.stage.process(input, &mut self.output, &mut self.counters).unwrap();
     }
@@ -171,30 +173,113 @@ fn a_column_of_ceiling_only_is_neither_occupied_nor_free() {
 }
 
 #[test]
-fn a_single_stray_voxel_is_no_obstacle_but_a_post_is() {
+fn a_single_voxel_is_no_obstacle_and_not_free_and_a_post_is_an_obstacle() {
     let mut voxels = room(-SENSOR_HEIGHT);
     column(&mut voxels, 2.05, 1.05, -SENSOR_HEIGHT, |above| (above - 0.95).abs() < 0.01);
     column(&mut voxels, 3.05, 1.05, -SENSOR_HEIGHT, |above| above < 1.0);
     let mut bench = Bench::new();
     bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
     let plan = bench.plan();
-    assert_eq!(plan.at(2.05, 1.05), FREE);
+    assert_eq!(plan.at(2.05, 1.05), UNKNOWN);
     assert_eq!(plan.at(3.05, 1.05), OCCUPIED);
 }
 
 #[test]
-fn one_ray_over_a_table_does_not_make_the_floor_behind_it_free() {
+fn space_seen_only_over_a_table_is_not_free_and_space_seen_down_to_near_the_floor_is() {
     let mut voxels = room(-SENSOR_HEIGHT);
-    for above in [0.05, 0.15, 1.5] {
-        voxels.push(voxel(6.05, 0.05, -SENSOR_HEIGHT + above, FREE_VALUE, voxel_flags::KNOWN));
-        voxels.push(voxel(6.05, 0.25, -SENSOR_HEIGHT + above, FREE_VALUE, voxel_flags::KNOWN));
-    }
-    voxels.push(voxel(6.05, 0.25, -SENSOR_HEIGHT + 1.05, FREE_VALUE, voxel_flags::KNOWN));
+    let air = |y: f64, heights: &[f64]| -> Vec<Voxel> {
+        let each = heights.iter();
+        each.map(|z| voxel(6.05, y, z - SENSOR_HEIGHT, FREE_VALUE, voxel_flags::KNOWN)).collect()
+    };
+    let over_a_table: Vec<f64> = steps(0.8, 1.8).collect();
+    voxels.extend(air(0.05, &over_a_table));
+    voxels.extend(air(0.25, &[0.05, 0.15, 0.35, 1.5]));
+    voxels.extend(air(0.45, &[0.35, 0.45]));
     let mut bench = Bench::new();
     bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
     let plan = bench.plan();
-    assert_eq!(plan.at(6.05, 0.05), UNKNOWN);
-    assert_eq!(plan.at(6.05, 0.25), FREE, "seen through at two heights");
+    assert_eq!(plan.at(6.05, 0.05), UNKNOWN, "over a table");
+    assert_eq!(plan.at(6.05, 0.25), UNKNOWN, "a single ray");
+    assert_eq!(plan.at(6.05, 0.45), FREE);
+}
+
+#[test]
+fn a_stair_that_leads_down_and_a_hole_are_not_free() {
+    // Behind the door a flight of steps leads down, its treads seen as obstacles from above; at y > 0.2 there is a hole
+    // without anything seen below.
+    let mut voxels = room(-SENSOR_HEIGHT);
+    for (x, y) in steps(5.0, 7.0).flat_map(|x| steps(-0.5, 0.5).map(move |y| (x, y))) {
+        let tread = if y > 0.2 { -3.0 } else { -0.17 * ((x - 5.0) / 0.28).floor() };
+        if y < 0.2 {
+            voxels.push(voxel(x, y, tread - SENSOR_HEIGHT - 0.01, OCCUPIED_VALUE, voxel_flags::KNOWN));
+        }
+        for z in steps(tread + 0.1, 1.8) {
+            voxels.push(voxel(x, y, z - SENSOR_HEIGHT, FREE_VALUE, voxel_flags::KNOWN));
+        }
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    for x in steps(5.0, 7.0) {
+        assert_eq!(plan.at(x, 0.35), UNKNOWN, "the hole at {x}");
+    }
+    // From the third step on, 0.5 m below the floor.
+    for (x, y) in steps(5.9, 7.0).flat_map(|x| steps(-0.5, 0.1).map(move |y| (x, y))) {
+        assert_eq!(plan.at(x, y), UNKNOWN, "the stair at {x} {y}");
+    }
+}
+
+#[test]
+fn an_even_top_too_high_to_step_on_is_an_obstacle_although_the_mapper_took_it_for_ground() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    for (x, y) in steps(2.0, 3.0).flat_map(|x| steps(0.5, 1.5).map(move |y| (x, y))) {
+        voxels.retain(|other| other.key[..2] != voxel(x, y, 0.0, 0.0, 0).key[..2]);
+        column(&mut voxels, x, y, 0.85 - SENSOR_HEIGHT, |_| false);
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    for (x, y) in steps(2.0, 3.0).flat_map(|x| steps(0.5, 1.5).map(move |y| (x, y))) {
+        assert_eq!(plan.at(x, y), OCCUPIED, "{x} {y}");
+    }
+}
+
+#[test]
+fn gaps_too_narrow_for_anyone_are_closed_and_a_passage_is_not() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    for x in [2.05, 2.35, 3.05, 3.45] {
+        column(&mut voxels, x, 1.05, -SENSOR_HEIGHT, |above| above < 1.0);
+    }
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &voxels);
+    let plan = bench.plan();
+    assert_eq!([2.15, 2.25].map(|x| plan.at(x, 1.05)), [OCCUPIED; 2], "0.2 m");
+    assert_eq!([3.15, 3.25, 3.35].map(|x| plan.at(x, 1.05)), [FREE; 3], "0.3 m");
+}
+
+#[test]
+fn where_somebody_walked_is_free_although_the_floor_was_not_seen_unless_something_stands_there() {
+    let mut voxels = room(-SENSOR_HEIGHT);
+    wall(&mut voxels, 8.05, 0.05, -SENSOR_HEIGHT);
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [10.0, 0.0, 0.0], &voxels);
+    let walked = bench.plan();
+    for x in steps(5.0, 8.7) {
+        let expected = if (x - 8.05).abs() < 0.01 { OCCUPIED } else { FREE };
+        assert_eq!(walked.at(x, 0.05), expected, "{x}");
+        assert_eq!(walked.at(x, 0.55), UNKNOWN, "beside the path at {x}");
+    }
+}
+
+#[test]
+fn a_lost_pose_walks_nowhere() {
+    let mut bench = Bench::new();
+    bench.walk([0.0; 3], [4.0, 0.0, 0.0], &room(-SENSOR_HEIGHT));
+    let before = bench.plan();
+    bench.state = TrackingState::Lost;
+    bench.walk([4.0, 0.0, 0.0], [4.0, 9.0, 0.0], &[]);
+    assert_eq!(bench.plan().0, before.0);
+    assert_eq!(bench.counters, Counters { degraded: 51, ..Counters::default() });
 }
 
 #[test]

@@ -23,6 +23,8 @@ pub struct OctreeMapper {
     map: OctreeMap,
     key_frames: KeyFrames,
     key_frame_count: u64,
+    /// Of the newest update.
+    newest: Option<MapHeader>,
     outliers: RadiusOutlierFilter,
     ground: GroundFilter,
     /// Returns in range, LiDAR frame.
@@ -129,6 +131,7 @@ impl Stage for OctreeMapper {
             map: OctreeMap::new(map_config).map_err(|e| StageError::Config(e.to_string()))?,
             key_frames: KeyFrames::new(config.key_frames),
             key_frame_count: 0,
+            newest: None,
             outliers: RadiusOutlierFilter::new(config.outliers, CAPACITY),
             ground: GroundFilter::new(config.ground, CAPACITY),
             returns: Vec::with_capacity(CAPACITY),
@@ -163,13 +166,18 @@ impl Stage for OctreeMapper {
         let changed = changes.as_ref().map_or(0, |_| self.map.changed());
         output
             .publish(&header, changed, |_| changes.as_mut().and_then(Iterator::next).unwrap_or_default())?;
+        self.newest = Some(header);
+        self.serve(output)
+    }
 
-        if output.snapshot_requested() {
-            let header = MapHeader { map_flags: map_flags::SNAPSHOT, ..header };
-            let mut voxels = self.map.voxels();
-            output
-                .publish_snapshot(&header, self.map.voxel_count(), |_| voxels.next().unwrap_or_default())?;
+    /// Publishes the map for a reader that asks for it, from the first scan on.
+    fn serve(&mut self, output: &mut MapOutput) -> Result<(), StageError> {
+        let Some(newest) = self.newest else { return Ok(()) };
+        if !output.snapshot_requested() {
+            return Ok(());
         }
-        Ok(())
+        let header = MapHeader { map_flags: map_flags::SNAPSHOT, ..newest };
+        let mut voxels = self.map.voxels();
+        output.publish_snapshot(&header, self.map.voxel_count(), |_| voxels.next().unwrap_or_default())
     }
 }

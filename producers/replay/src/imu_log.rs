@@ -8,6 +8,7 @@ use std::path::Path;
 use evac_formats::FormatError;
 use evac_formats::wt901c::{FRAME_BYTES, RawSample, Scales, Wt901cCounts, Wt901cReader};
 use evac_frames::ImuSample;
+use evac_stage::Counters;
 
 use crate::Config;
 use crate::capture::Span;
@@ -28,6 +29,9 @@ pub(crate) struct ImuLog {
     start_ns: i64,
     period_ns: f64,
     scales: Scales,
+    /// Number of the next sample if none is damaged.
+    expected: u64,
+    damaged: u64,
 }
 
 impl ImuLog {
@@ -44,16 +48,32 @@ impl ImuLog {
             start_ns,
             period_ns: 1e9 / rate,
             scales: Scales::with_gravity(config.one_g_m_s2),
+            expected: 0,
+            damaged: 0,
         })
     }
 }
 
 impl ImuStream for ImuLog {
     fn next_sample(&mut self) -> Result<Option<ImuSample>, FormatError> {
-        let Some(raw) = self.reader.next_sample()? else { return Ok(None) };
-        let elapsed = (self.index.of(&raw) as f64 * self.period_ns).round() as i64;
-        let stamp_ns = self.start_ns.saturating_add(elapsed);
-        Ok(imu_sample(stamp_ns, self.scales.gyro(raw.gyro), self.scales.accel(raw.accel)))
+        while let Some(raw) = self.reader.next_sample()? {
+            let number = self.index.of(&raw);
+            self.damaged += number.saturating_sub(self.expected);
+            self.expected = number + 1;
+            let elapsed = (number as f64 * self.period_ns).round() as i64;
+            let stamp_ns = self.start_ns.saturating_add(elapsed);
+            let sample = imu_sample(stamp_ns, self.scales.gyro(raw.gyro), self.scales.accel(raw.accel));
+            if sample.is_some() {
+                return Ok(sample);
+            }
+            self.damaged += 1;
+        }
+        Ok(None)
+    }
+
+    /// Samples that the log should hold and does not, or not whole, are rejected.
+    fn counters(&self) -> Counters {
+        Counters { rejected: self.damaged, ..Counters::default() }
     }
 }
 

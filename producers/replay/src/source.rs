@@ -1,7 +1,7 @@
 //! Joins scans and IMU samples in the order of time.
 
 use evac_frames::{ImuSample, Point, ScanHeader, frame_flags};
-use evac_stage::{Rig, SensorEvent, Source, StageConfig, StageError};
+use evac_stage::{Counters, Rig, SensorEvent, Source, StageConfig, StageError};
 
 use crate::streams::{Recording, SECOND};
 use crate::{Config, bag, capture};
@@ -17,6 +17,8 @@ pub struct Replay {
     points: Vec<Point>,
     /// The next IMU sample.
     sample: Option<ImuSample>,
+    /// IMU samples from too long before the first scan.
+    lead_in: u64,
     /// Time of the last IMU sample that went out.
     imu_until: i64,
     /// End of the last scan, once it has gone out.
@@ -37,6 +39,7 @@ impl Source for Replay {
             scan: None,
             points: Vec::new(),
             sample: None,
+            lead_in: 0,
             imu_until: i64::MIN,
             ended: None,
             announced: false,
@@ -46,6 +49,7 @@ impl Source for Replay {
         replay.read_sample()?;
         while replay.sample.is_some_and(|sample| sample.stamp_ns < start.saturating_sub(IMU_LEAD)) {
             replay.read_sample()?;
+            replay.lead_in += 1;
         }
         Ok(replay)
     }
@@ -77,6 +81,15 @@ impl Source for Replay {
 
     fn point(&mut self, index: usize) -> Point {
         self.points.get(index).copied().unwrap_or_default()
+    }
+
+    fn counters(&self) -> Counters {
+        let (scans, imu) = (self.recording.scans.counters(), self.recording.imu.counters());
+        Counters {
+            late: scans.late + imu.late,
+            degraded: scans.degraded + imu.degraded,
+            rejected: scans.rejected + imu.rejected + self.lead_in,
+        }
     }
 
     fn total_scans(&self) -> Option<u64> {

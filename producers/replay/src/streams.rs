@@ -2,6 +2,7 @@
 
 use evac_formats::FormatError;
 use evac_frames::{ImuSample, Point, ScanHeader};
+use evac_stage::Counters;
 
 /// Nanoseconds of one second.
 pub(crate) const SECOND: i64 = 1_000_000_000;
@@ -13,11 +14,17 @@ pub(crate) trait ScanStream {
 
     /// Scans in the recording, for progress.
     fn total(&self) -> u64;
+
+    /// What was left out so far.
+    fn counters(&self) -> Counters;
 }
 
 /// IMU samples in the order of time, with finite values.
 pub(crate) trait ImuStream {
     fn next_sample(&mut self) -> Result<Option<ImuSample>, FormatError>;
+
+    /// What was left out so far.
+    fn counters(&self) -> Counters;
 }
 
 /// A recording, opened.

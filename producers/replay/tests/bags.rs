@@ -8,6 +8,7 @@ use common::bag::{Bag, F32, F64, U32, cloud, custom};
 use common::{Told, error_of, tell};
 use evac_frames::scan_flags;
 use evac_replay::{Config, ImuUnit};
+use evac_stage::Counters;
 
 const CLOUD: &str = "sensor_msgs/PointCloud2";
 const CUSTOM: &str = "livox_ros_driver2/CustomMsg";
@@ -161,6 +162,29 @@ fn points_that_are_not_finite_become_shots_without_return_and_are_counted() {
     let told = tell(config(&bag, &tempfile::tempdir().unwrap()), 9);
     let header = told.scans[0];
     assert_eq!((header.points, header.rejected, header.no_return, told.returns), (4, 2, 1, 1));
+    assert_eq!(told.counters, Counters { rejected: 2, ..Counters::default() });
+}
+
+#[test]
+fn messages_that_are_not_finite_or_whose_times_do_not_rise_are_left_out_and_counted() {
+    let mut bag = Bag::new();
+    let scan = |bag: &mut Bag, milliseconds: i64| {
+        let points = [(0, 1.0), (99 * MS as u32, 1.0)];
+        bag.push("/livox/lidar", CUSTOM, custom(START + milliseconds * MS, &points));
+    };
+    // The third comes twice, and the second once more after it.
+    [0, 100, 200, 200, 100, 300].into_iter().for_each(|start| scan(&mut bag, start));
+    bag.push_imu(START, 0.2, 9.8);
+    // 41 samples once more, then 11 with values that are not finite.
+    bag.push_imu(START, 0.2, 9.8);
+    bag.push_imu(START + 205 * MS, 0.05, f64::NAN);
+    bag.push_imu(START + 260 * MS, 0.2, 9.8);
+    let folder = tempfile::tempdir().unwrap();
+    let config = Config { imu_unit: ImuUnit::MetresPerSecondSquared, ..config(&bag, &folder) };
+    let told = tell(config, 0);
+    assert_eq!(told.scans.len(), 4);
+    assert!(told.imu.iter().all(|sample| sample.accel[2] == 9.8));
+    assert_eq!(told.counters, Counters { late: 2 + 41, degraded: 0, rejected: 11 });
 }
 
 #[test]

@@ -12,7 +12,7 @@ use evac_formats::livox_sdk1::{CartesianMm, DATAGRAM_SHOTS, encode_cartesian, en
 use evac_formats::pcap::PcapWriter;
 use evac_formats::wt901c::{encode_accel, encode_gyro};
 use evac_replay::Config;
-use evac_stage::Source;
+use evac_stage::{Counters, Source};
 
 const LIDAR: &str = "192.168.1.11:65000";
 const HOST: &str = "192.168.1.50:60001";
@@ -117,12 +117,50 @@ fn only_one_of_two_lidars_is_replayed() {
     fs::write(&path, writer.finish().unwrap()).unwrap();
     let second = Config { lidar: Some(path), lidar_ip: "10.0.0.2".parse().ok(), ..Config::default() };
     let told = tell(second.clone(), usize::MAX);
+    assert_eq!(told.counters, Counters { rejected: 400, ..Counters::default() }, "the first one's packets");
     assert_eq!((told.scans.len(), told.points.len(), told.imu.len()), (4, 40_000, 80));
     assert!(told.points.iter().all(|point| point.x == 2.0));
     assert!((told.imu[7].accel[2] - 9.80665).abs() < 1e-9);
     // The first device sends no IMU data.
     says(&error_of(Config { lidar_ip: None, ..second.clone() }), &["two.pcap", "10.0.0.1", "no IMU", "imu"]);
     says(&error_of(Config { lidar_ip: "10.0.0.3".parse().ok(), ..second }), &["10.0.0.3", "lidar_ip"]);
+}
+
+#[test]
+fn datagrams_that_are_damaged_doubled_or_strayed_in_time_are_left_out_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer = PcapWriter::new(Vec::new()).unwrap();
+    let shots = [CartesianMm { position: [2000, 0, 0], reflectivity: 9 }; DATAGRAM_SHOTS];
+    let mut payload = Vec::new();
+    for ms in 0..400 {
+        encode_cartesian(ms * MS, &shots, &mut payload);
+        write(&mut writer, ms, LIDAR, &payload);
+        match ms {
+            // Cut short, and no Livox data at all.
+            50 => write(&mut writer, ms, LIDAR, &payload[..payload.len() / 2]),
+            51..53 => write(&mut writer, ms, LIDAR, b"hello"),
+            100..107 => write(&mut writer, ms, LIDAR, &payload),
+            200 => {
+                encode_cartesian((ms + 3_600_000) * MS, &shots, &mut payload);
+                write(&mut writer, ms, LIDAR, &payload);
+            }
+            _ => {}
+        }
+    }
+    let path = folder.path().join("lidar.pcap");
+    fs::write(&path, writer.finish().unwrap()).unwrap();
+    let told = tell(config(path, log(folder.path(), 80)), 0);
+    assert!(told.scans.iter().all(|header| (header.points, header.lost_packets) == (10_000, 0)));
+    assert_eq!(told.counters, Counters { late: 7, degraded: 0, rejected: 4 });
+}
+
+#[test]
+fn imu_samples_from_long_before_the_first_scan_are_left_out_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let early = config(capture(folder.path(), 0..1000), log(folder.path(), 1000));
+    let told = tell(Config { imu_offset_ms: -3000.0, ..early }, 0);
+    assert_eq!(told.imu[0].stamp_ns, -1_000_000_000);
+    assert_eq!(told.counters, Counters { rejected: 400, ..Counters::default() });
 }
 
 #[test]
@@ -137,6 +175,7 @@ fn damaged_bytes_of_the_imu_log_leave_a_gap_and_shift_nothing() {
     let expected: Vec<i64> =
         (0..200).filter(|k| !(50..53).contains(k) && *k != 120).map(|k| k * 5_000_000).collect();
     assert_eq!(told.imu.iter().map(|sample| sample.stamp_ns).collect::<Vec<_>>(), expected);
+    assert_eq!(told.counters, Counters { rejected: 4, ..Counters::default() });
 }
 
 #[test]

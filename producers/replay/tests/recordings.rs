@@ -5,6 +5,7 @@ mod common;
 use common::{bag, tell, walk};
 use evac_frames::{Point, frame_flags, scan_flags};
 use evac_replay::Config;
+use evac_stage::Counters;
 
 const MS: i64 = 1_000_000;
 
@@ -22,6 +23,7 @@ fn every_walk_gives_its_scans_of_100_ms_and_its_imu_at_200_hz() {
         }
         let no_return: u64 = told.scans.iter().map(|header| u64::from(header.no_return)).sum();
         assert_eq!(told.returns + no_return, scans as u64 * 10_000);
+        assert_eq!(told.counters, Counters::default(), "{name}: nothing is left out of a whole recording");
         // 2 % drop-outs by the data's README
         let share = no_return as f64 / (scans as f64 * 1e4);
         assert!((0.015..0.06).contains(&share), "{name}: {share} without return");

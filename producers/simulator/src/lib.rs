@@ -20,7 +20,7 @@ mod world;
 mod wt901c;
 
 pub use config::{Config, WorldKind};
-pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, SHOTS_PER_FRAME, SHOTS_PER_SECOND, direction};
+pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, direction};
 pub use source::Simulator;
 pub use walk::{FRAME_NS, Frame, Frames, Walk, simulate};
 pub use wt901c::SAMPLE_NS;

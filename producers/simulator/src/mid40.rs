@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use evac_formats::livox_sdk1::DATAGRAM_SHOTS;
 use evac_frames::Point;
 use evac_geometry::nalgebra::{Isometry3, Matrix3, Vector3};
 
@@ -10,13 +11,11 @@ use crate::random::Random;
 use crate::world::{Cylinder, Ray, World};
 
 /// Shots per second.
-pub const SHOTS_PER_SECOND: u64 = 100_000;
+const SHOTS_PER_SECOND: u64 = 100_000;
 /// Time between two shots, nanoseconds.
 pub const SHOT_NS: i64 = 10_000;
 /// Shots in one 100 ms frame.
-pub const SHOTS_PER_FRAME: usize = 10_000;
-/// Shots in one datagram, 1 ms.
-pub(crate) const SHOTS_PER_PACKET: usize = 100;
+pub(crate) const SHOTS_PER_FRAME: usize = 10_000;
 /// Diameter of the circular field of view, degrees.
 pub const FIELD_OF_VIEW_DEG: f64 = 38.4;
 
@@ -77,17 +76,16 @@ impl Mid40 {
     ) {
         points.clear();
         let first_shot = frame * SHOTS_PER_FRAME as u64;
-        let time = |packet: usize| {
-            (first_shot + (packet * SHOTS_PER_PACKET) as u64) as f64 / SHOTS_PER_SECOND as f64
-        };
+        let time =
+            |packet: usize| (first_shot + (packet * DATAGRAM_SHOTS) as u64) as f64 / SHOTS_PER_SECOND as f64;
         let mut start = Placement::of(&world_from_lidar(time(0)));
-        for packet in 0..SHOTS_PER_FRAME / SHOTS_PER_PACKET {
+        for packet in 0..SHOTS_PER_FRAME / DATAGRAM_SHOTS {
             // Linear between the poses of each millisecond: off by less than a micrometre and a microradian here.
             let end = Placement::of(&world_from_lidar(time(packet + 1)));
             world.people_at(time(packet), &mut self.people);
-            for index in 0..SHOTS_PER_PACKET {
-                let in_frame = packet * SHOTS_PER_PACKET + index;
-                let placement = start.towards(&end, index as f64 / SHOTS_PER_PACKET as f64);
+            for index in 0..DATAGRAM_SHOTS {
+                let in_frame = packet * DATAGRAM_SHOTS + index;
+                let placement = start.towards(&end, index as f64 / DATAGRAM_SHOTS as f64);
                 let beam = direction(first_shot + in_frame as u64);
                 points.push(self.shoot(world, &placement, &beam, in_frame as i64 * SHOT_NS));
             }

@@ -7,7 +7,7 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::{Path, PathBuf};
 
 use evac_formats::FormatError;
-use evac_formats::livox_sdk1::{CartesianMm, encode_cartesian};
+use evac_formats::livox_sdk1::{CartesianMm, DATAGRAM_SHOTS, encode_cartesian};
 use evac_formats::pcap::PcapWriter;
 use evac_formats::tum::{self, TumPose};
 use evac_formats::wt901c::{encode_accel, encode_gyro};
@@ -15,7 +15,7 @@ use evac_frames::{Point, PoseFrame, ScanHeader};
 use evac_stage::{Rig, StageError};
 use serde::Serialize;
 
-use crate::mid40::{SHOT_NS, SHOTS_PER_PACKET};
+use crate::mid40::SHOT_NS;
 use crate::walk::Sampled;
 
 /// The capture's host clock at sensor time 0, nanoseconds since 1970; the devices' own stamps begin at 0.
@@ -57,7 +57,7 @@ impl Recording {
             lidar: lidar.map_err(|cause| failed(&folder.join(Self::LIDAR), cause))?,
             imu: create(Self::IMU)?,
             truth: create(Self::TRUTH)?,
-            shots: Vec::with_capacity(SHOTS_PER_PACKET),
+            shots: Vec::with_capacity(DATAGRAM_SHOTS),
             datagram: Vec::new(),
             folder: folder.to_owned(),
         })
@@ -98,8 +98,8 @@ impl Recording {
     }
 
     fn datagrams(&mut self, header: &ScanHeader, points: &[Point]) -> io::Result<()> {
-        for (packet, points) in points.chunks(SHOTS_PER_PACKET).enumerate() {
-            let stamp_ns = header.frame.start_ns + (packet * SHOTS_PER_PACKET) as i64 * SHOT_NS;
+        for (packet, points) in points.chunks(DATAGRAM_SHOTS).enumerate() {
+            let stamp_ns = header.frame.start_ns + (packet * DATAGRAM_SHOTS) as i64 * SHOT_NS;
             self.shots.clear();
             self.shots.extend(points.iter().map(shot));
             encode_cartesian(stamp_ns as u64, &self.shots, &mut self.datagram);

@@ -138,8 +138,14 @@ impl Walk {
         self.map_from_world * self.trajectory.at(time_ns as f64 * 1e-9).world_from_imu * self.imu_from_lidar
     }
 
+    /// What the IMU's own clock shows at a sensor time, both in nanoseconds.
+    fn imu_stamp(&self, time_ns: f64) -> f64 {
+        time_ns * self.clock_rate + self.clock_offset_ns
+    }
+
     fn truth(&self, frame: FrameHeader) -> PoseFrame {
-        let motion = self.trajectory.at(frame.end_ns as f64 * 1e-9);
+        let time_ns = frame.end_ns as f64;
+        let motion = self.trajectory.at(time_ns * 1e-9);
         let map_from_imu = self.map_from_world * motion.world_from_imu;
         let mut truth = PoseFrame {
             frame,
@@ -147,7 +153,7 @@ impl Walk {
             gyro_bias: self.imu.gyro_bias.into(),
             accel_bias: self.imu.accel_bias.into(),
             gravity: [0.0, 0.0, -STANDARD_GRAVITY],
-            time_offset_ns: -self.clock_offset_ns as i64,
+            time_offset_ns: -(self.imu_stamp(time_ns) - time_ns).round() as i64,
             quality: 1.0,
             state: TrackingState::Tracking as u32,
             ..PoseFrame::default()

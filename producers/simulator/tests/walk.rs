@@ -187,6 +187,16 @@ fn an_imu_clock_that_is_ahead_stamps_the_same_motion_later() {
 }
 
 #[test]
+fn the_truth_knows_how_far_the_imu_clock_has_run_away() {
+    let config = Config { imu_clock_offset_ms: 20.0, imu_clock_ppm: -500.0, seed: 4, ..Config::default() };
+    let last = simulate(&config, &Rig::default()).unwrap().nth(99).unwrap().truth;
+    // 20 ms ahead at the start and 5 ms lost in 10 s.
+    assert_eq!((last.frame.end_ns, last.time_offset_ns), (10_000_000_000, -15_000_000));
+    let frames = simulate(&Config { seed: 4, ..Config::default() }, &Rig::default()).unwrap();
+    assert!(frames.take(3).all(|frame| frame.truth.time_offset_ns == 0));
+}
+
+#[test]
 fn events_come_in_the_order_of_time_and_only_the_last_of_each_stream_ends_it() {
     let config = Config { duration_s: Some(2.0), seed: 3, ..Config::default() };
     let mut source = Simulator::new(config, &Rig::default()).unwrap();

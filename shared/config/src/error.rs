@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum ConfigError {
     /// The file could not be read.
-    #[error("{}: {cause}; check the path and its permissions", path.display())]
+    #[error("{}: {cause}; check that the path names a text file that may be read", path.display())]
     Read {
         /// The file.
         path: PathBuf,
@@ -26,6 +26,11 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
+    /// The text of a file.
+    pub(crate) fn read(path: &Path) -> Result<String, Self> {
+        std::fs::read_to_string(path).map_err(|cause| Self::Read { path: path.to_owned(), cause })
+    }
+
     /// An error of the TOML reader, with its place in `text`.
     pub(crate) fn toml(path: &Path, text: &str, cause: &toml::de::Error) -> Self {
         let place = cause.span().map_or(String::new(), |span| {

@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{ConfigError, Rig};
 
+/// Letters of a stage's name: what a health frame has room for, with its final zero.
+const LONGEST_NAME: usize = 23;
+
 /// How frames flow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -88,9 +91,7 @@ impl Pipeline {
     /// # Errors
     /// [`ConfigError`] with the place in the file.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|cause| ConfigError::Read { path: path.to_owned(), cause })?;
-        Self::parse(path, &text)
+        Self::parse(path, &ConfigError::read(path)?)
     }
 
     /// Parses the text of a pipeline file; `path` is only for messages.
@@ -116,10 +117,12 @@ impl Pipeline {
         for (i, stage) in self.stages.iter().enumerate() {
             let name = stage.name();
             if name.is_empty()
-                || name.len() > 23
+                || name.len() > LONGEST_NAME
                 || !name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c))
             {
-                return Err(format!("stage name '{name}' must be 1 to 23 letters, digits, '-' or '_'"));
+                return Err(format!(
+                    "stage name '{name}' must be 1 to {LONGEST_NAME} letters, digits, '-' or '_'"
+                ));
             }
             if self.stages.iter().take(i).any(|other| other.name() == name) {
                 return Err(format!(

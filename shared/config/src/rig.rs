@@ -65,10 +65,45 @@ impl RigFile {
     /// # Errors
     /// [`ConfigError`] with the place in the file.
     pub fn read(path: &Path) -> Result<Rig, ConfigError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|cause| ConfigError::Read { path: path.to_owned(), cause })?;
-        let file: Self = toml::from_str(&text).map_err(|cause| ConfigError::toml(path, &text, &cause))?;
+        Self::parse(path, &ConfigError::read(path)?)
+    }
+
+    fn parse(path: &Path, text: &str) -> Result<Rig, ConfigError> {
+        let file: Self = toml::from_str(text).map_err(|cause| ConfigError::toml(path, text, &cause))?;
         file.rig.check().map_err(|cause| ConfigError::value(path, cause))?;
         Ok(file.rig)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evac_geometry::nalgebra::{Point3, Vector3};
+
+    use super::*;
+
+    fn parse(text: &str) -> Result<Rig, ConfigError> {
+        RigFile::parse(Path::new("rig.toml"), text)
+    }
+
+    #[test]
+    fn a_rig_file_gives_the_transform_from_lidar_to_imu() {
+        let text = "[rig.imu_from_lidar]\ntranslation_m = [0.1, 0.0, 0.0]\nroll_pitch_yaw_deg = [0, 0, 90]\n";
+        let imu = parse(text).unwrap().imu_from_lidar() * Point3::new(1.0, 0.0, 0.0);
+        assert!((imu.coords - Vector3::new(0.1, 1.0, 0.0)).norm() < 1e-12, "{imu}");
+        assert_eq!(parse("[rig]").unwrap(), Rig::default());
+    }
+
+    #[test]
+    fn a_rig_file_with_a_missing_table_an_unknown_key_or_a_value_out_of_range_is_refused_by_name() {
+        for (text, word) in [
+            ("", "missing field `rig`"),
+            ("[rig.imu_from_lidar]\ntranslation_mm = [1.0, 0.0, 0.0]", "line 2"),
+            ("[rig.imu_from_lidar]\ntranslation_m = [100.0, 0.0, 0.0]", "at most 10"),
+        ] {
+            let error = parse(text).unwrap_err().to_string();
+            assert!(error.starts_with("rig.toml: ") && error.contains(word), "{text}: {error}");
+        }
+        let error = RigFile::read(Path::new("no/such/rig.toml")).unwrap_err().to_string();
+        assert!(error.starts_with("no/such/rig.toml: "), "{error}");
     }
 }

@@ -92,7 +92,7 @@ fn parse_line(line: &str) -> Result<TumPose, String> {
             .parse()
             .ok()
             .filter(|v: &f64| v.is_finite())
-            .ok_or(format!("{word:?} is no finite number"))?;
+            .ok_or_else(|| format!("{word:?} is no finite number"))?;
     }
     if words.next().is_some() {
         return Err("more than 8 values".to_owned());

@@ -11,20 +11,23 @@ pub(crate) fn seconds(year: i64, month: u8, day: u8, hour: u8, minute: u8, secon
 
 /// Year, month, day, hour, minute and second of a number of seconds since 1970.
 pub(crate) fn civil(seconds: i64) -> (i64, u8, u8, u8, u8, u8) {
-    let (days, rest) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
-    let mut year = 1970 + days.div_euclid(366);
-    while days_from_civil(year + 1, 1, 1) <= days {
-        year += 1;
-    }
-    let mut day_of_year = days - days_from_civil(year, 1, 1);
-    let mut month = 1;
-    while let Some(length) = days_in_month(year, month).map(i64::from).filter(|length| day_of_year >= *length)
-    {
-        day_of_year -= length;
-        month += 1;
-    }
-    (year, month, day_of_year as u8 + 1, (rest / 3600) as u8, (rest / 60 % 60) as u8, (rest % 60) as u8)
+    let (days, rest) = (seconds.div_euclid(86_400) + DAYS_TO_1970, seconds.rem_euclid(86_400));
+    // The inverse of `days_from_civil`, in the same years that begin in March.
+    let (era, day_of_era) = (days.div_euclid(DAYS_OF_ERA), days.rem_euclid(DAYS_OF_ERA));
+    let leap_days = day_of_era / 1_460 - day_of_era / 36_524 + day_of_era / (DAYS_OF_ERA - 1);
+    let year_of_era = (day_of_era - leap_days) / 365;
+    let day_of_year = day_of_era - (year_of_era * 365 + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = (month_from_march + 2) % 12 + 1;
+    let year = era * 400 + year_of_era + i64::from(month <= 2);
+    (year, month as u8, day as u8, (rest / 3600) as u8, (rest / 60 % 60) as u8, (rest % 60) as u8)
 }
+
+/// Days of 400 years, after which the calendar repeats.
+const DAYS_OF_ERA: i64 = 146_097;
+/// Days from 1 March of the year 0 to 1970-01-01.
+const DAYS_TO_1970: i64 = 719_468;
 
 fn days_in_month(year: i64, month: u8) -> Option<u8> {
     Some(match month {
@@ -43,7 +46,7 @@ fn days_from_civil(year: i64, month: i64, day: i64) -> i64 {
     let year_of_era = year.rem_euclid(400);
     let day_of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
     let day_of_era = year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year;
-    era * 146_097 + day_of_era - 719_468
+    era * DAYS_OF_ERA + day_of_era - DAYS_TO_1970
 }
 
 #[cfg(test)]
@@ -53,6 +56,8 @@ mod tests {
     #[test]
     fn known_dates_have_their_seconds_and_come_back() {
         for (date, expected) in [
+            ((1677, 9, 21, 0, 12, 43), -9_223_372_037),
+            ((1968, 12, 31, 23, 59, 59), -31_536_001),
             ((1970, 1, 1, 0, 0, 0), 0),
             ((2000, 1, 1, 0, 0, 0), 946_684_800),
             ((2024, 2, 29, 23, 59, 59), 1_709_251_199),
@@ -63,6 +68,24 @@ mod tests {
             assert_eq!(seconds(year, month, day, hour, minute, second), Some(expected));
             assert_eq!(civil(expected), date);
         }
+    }
+
+    #[test]
+    fn every_day_of_four_centuries_is_the_day_after_the_one_before() {
+        let mut last = civil(-86_400 * 134_774); // 1601-01-01
+        assert_eq!(last, (1601, 1, 1, 0, 0, 0));
+        for day in -134_773..=11_323 {
+            let (year, month, day_of_month, ..) = civil(day * 86_400);
+            let expected = match last {
+                (year, month, day, ..) if days_in_month(year, month) > Some(day) => (year, month, day + 1),
+                (year, 12, ..) => (year + 1, 1, 1),
+                (year, month, ..) => (year, month + 1, 1),
+            };
+            assert_eq!((year, month, day_of_month), expected);
+            assert_eq!(seconds(year, month, day_of_month, 0, 0, 0), Some(day * 86_400));
+            last = (year, month, day_of_month, 0, 0, 0);
+        }
+        assert_eq!(last, (2001, 1, 1, 0, 0, 0));
     }
 
     #[test]

@@ -138,6 +138,8 @@ fn bytes_that_no_device_sends_are_refused_by_name() {
     assert_eq!(changed(0, 0xaa), Err(DatagramError::Version(0xaa)));
     assert_eq!(changed(9, 9), Err(DatagramError::DataType(9)));
     assert_eq!(changed(8, 2), Err(DatagramError::TimestampType(2)));
+    assert_eq!(changed(17, 0x80), Err(DatagramError::Stamp));
+    assert_eq!(changed(8, 3), Err(DatagramError::Date));
     assert_eq!(changed(9, 1), Err(DatagramError::Remainder { record: 9, extra: 3 }));
     assert_eq!(Datagram::parse(&good[..17]).unwrap_err(), DatagramError::TooShort(17));
     assert_eq!(Datagram::parse(&good[..18]).unwrap_err(), DatagramError::TooShort(18));

@@ -62,6 +62,16 @@ fn what_is_written_is_read_back() {
 }
 
 #[test]
+fn a_datagram_that_a_capture_cannot_hold_is_not_written() {
+    let mut writer = PcapWriter::new(Vec::new()).unwrap();
+    for (time, length) in [(-1, 1), (i64::MAX, 1), (TIME, 65_508)] {
+        let (source, host) = (SOURCE.parse().unwrap(), HOST.parse().unwrap());
+        assert!(writer.write_udp(time, source, host, &vec![0; length]).is_err(), "{time} ns, {length} bytes");
+    }
+    assert_eq!(writer.finish().unwrap().len(), 24);
+}
+
+#[test]
 fn the_written_ip_header_has_the_right_checksum() {
     let packet = ip_packet(b"evac");
     let sum: u32 = packet[..20].chunks(2).map(|word| u32::from(u16::from_be_bytes([word[0], word[1]]))).sum();

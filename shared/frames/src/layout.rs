@@ -85,7 +85,10 @@ mod tests {
     use super::*;
     use crate::{ImuSample, Point, PoseFrame, ScanHeader, Voxel};
 
-    frame! { "evac.Point.v1", 16 bytes, pub struct Reordered { pub y: f32, pub x: f32, pub z: f32, pub packed: u32, } }
+    frame! {
+        #[allow(unreachable_pub)]
+        "evac.Point.v1", 16 bytes, pub struct Reordered { pub y: f32, pub x: f32, pub z: f32, pub packed: u32, }
+    }
 
     #[test]
     fn a_reordered_struct_of_the_same_name_and_size_has_another_hash() {

@@ -9,7 +9,7 @@ mod pose;
 mod standstill;
 
 pub use extrinsic::{imu_from_lidar, rotation_from_euler};
-pub use imu_integration::{ImuCoverage, ImuIntegrator, ImuKnot, ImuState};
+pub use imu_integration::{ImuCoverage, ImuIntegrator, ImuState};
 pub use nalgebra;
 pub use pose::{
     Interpolation, exp_so3, interpolate, isometry, log_so3, map_from_imu, map_from_lidar, set_map_from_imu,

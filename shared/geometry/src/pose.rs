@@ -18,7 +18,7 @@ pub fn log_so3(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     rotation.scaled_axis()
 }
 
-/// An isometry from a position in metres and a quaternion x, y, z, w (normalised here).
+/// An isometry from a position in metres and a quaternion x, y, z, w, which is normalised; zero is no rotation.
 pub fn isometry(position: [f64; 3], xyzw: [f64; 4]) -> Isometry3<f64> {
     let [x, y, z, w] = xyzw;
     let rotation = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 1e-12).unwrap_or_default();
@@ -81,7 +81,8 @@ impl Interpolation {
             return Some(*b);
         }
         let (t0, a) = self.poses.get(after.checked_sub(1)?)?;
-        Some(interpolate(a, b, (time_ns - t0) as f64 / (t1 - t0) as f64))
+        // Times are read from files: any two of them may lie further apart than 64 bits tell.
+        Some(interpolate(a, b, time_ns.saturating_sub(*t0) as f64 / t1.saturating_sub(*t0) as f64))
     }
 }
 

@@ -57,11 +57,14 @@ impl Domain {
         DirBuilder::new().recursive(true).mode(0o700).create(self.folder()).map_err(refuse)?;
         // The folder's parent sits in a directory that everybody may write to: make sure it is ours.
         for folder in self.folder().ancestors().take(2) {
-            let owner = fs::metadata(folder).map_err(refuse)?.uid();
-            if owner != rustix::process::getuid().as_raw() {
-                let text = format!("{} belongs to user {owner}", folder.display());
-                return Err(refuse(std::io::Error::other(text)));
-            }
+            // Of the path itself: another user's link to a folder of ours would make us remove that folder at the end.
+            let found = fs::symlink_metadata(folder).map_err(refuse)?;
+            let text = match found.uid() {
+                owner if owner != rustix::process::getuid().as_raw() => format!("belongs to user {owner}"),
+                _ if !found.is_dir() => "is no folder".to_owned(),
+                _ => continue,
+            };
+            return Err(refuse(std::io::Error::other(format!("{} {text}", folder.display()))));
         }
         Ok(())
     }
@@ -162,6 +165,18 @@ mod tests {
             assert!(Domain::new(name).is_err(), "{name}");
         }
         assert!(Domain::new("robot-1_b").is_ok());
+    }
+
+    #[test]
+    fn a_link_in_the_folder_s_place_is_refused() {
+        let domain = Domain::new(&format!("link-{}", std::process::id())).unwrap();
+        let target = tempfile::tempdir().unwrap();
+        fs::create_dir_all(domain.folder().parent().unwrap()).unwrap();
+        std::os::unix::fs::symlink(target.path(), domain.folder()).unwrap();
+        let refusal = domain.lock().unwrap_err().to_string();
+        assert!(refusal.contains("is no folder"), "{refusal}");
+        fs::remove_file(domain.folder()).unwrap();
+        assert!(target.path().exists());
     }
 
     #[test]

@@ -57,7 +57,7 @@ pub trait RecordService {
     type Record: Layout;
 }
 
-/// 32 frames are 3.2 s of stall at 10 Hz; 16 borrowed let a stage hold scans until their pose comes.
+/// 32 frames are 3.2 s of stall at 10 Hz; 24 borrowed let a stage hold 20 scans until their pose comes.
 const FRAMES: Qos = Qos { publishers: 4, subscribers: 8, buffer: 32, borrowed: 24, history: 16, nodes: 24 };
 
 /// Points of the largest scan: 240,000 points/s (Horizon, Avia) over 150 ms, rounded up.
@@ -137,8 +137,9 @@ impl Layout for Cell {
 pub struct Imu;
 impl RecordService for Imu {
     const NAME: &'static str = "imu/sample";
-    // 1024 samples are 5 s at 200 Hz. History covers the start of a stage that joins between two scans.
-    const QOS: Qos = Qos { buffer: 1024, borrowed: 2, history: 64, ..FRAMES };
+    // 4096 samples are 20 s at 200 Hz: a lossless replay paces itself on scans, so that all samples of a pause between two
+    // scans come at once. History covers the start of a stage that joins between two scans.
+    const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 64, ..FRAMES };
     type Record = ImuSample;
 }
 

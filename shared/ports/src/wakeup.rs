@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use iceoryx2::port::listener::Listener as EventListener;
+use iceoryx2::port::listener::{Listener as EventListener, ListenerWaitError};
 use iceoryx2::prelude::*;
 use iceoryx2::waitset::WaitSetRunResult;
 
@@ -11,7 +11,7 @@ use crate::PortError;
 use crate::bus::{Bus, Ipc, retry};
 use crate::services::Qos;
 
-/// The ear of one service's reader.
+/// What wakes one service's reader.
 #[derive(Debug)]
 pub struct Listener {
     listener: EventListener<Ipc>,
@@ -24,23 +24,38 @@ impl Listener {
         Ok(Self { listener })
     }
 
+    /// Sleeps until news comes, `timeout` has passed or a signal arrives, and takes all pending wake-ups. For a reader of one
+    /// service that waits often; [`wait_on`] is for several.
+    ///
+    /// # Errors
+    /// [`PortError::Refused`].
+    pub fn wait(&self, timeout: Duration) -> Result<(), PortError> {
+        match self.listener.timed_wait(|_| {}, timeout) {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(cause) => Err(PortError::refused(SEVERAL, "wait", cause)),
+        }
+    }
+
     /// Takes all pending wake-ups: they are coalesced, and undrained ones would wake again at once.
     pub(crate) fn drain(&self) -> u64 {
         self.listener.try_wait(|_| {}).unwrap_or(0)
     }
 }
 
+/// Stands for the service's name where it is not one service that refuses.
+const SEVERAL: &str = "(all)";
+
 /// Why the waiting process woke.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wake {
-    /// News or the time-out.
+    /// News, the time-out, or a signal that asks for nothing (a process that was stopped and goes on).
     Look,
-    /// SIGINT or SIGTERM.
+    /// SIGINT or SIGTERM has come; every later wake-up says so too, at once.
     Stop,
 }
 
-/// Calls `look` after every wake-up: when a listener hears something, when the time-out that `look` gave last has
-/// passed, and on SIGINT or SIGTERM. Returns when `look` breaks.
+/// Calls `look` at once and after every wake-up: when a listener hears something, when the time-out that `look` gave last
+/// has passed, and on SIGINT or SIGTERM. Returns when `look` breaks, which it has to do on [`Wake::Stop`].
 ///
 /// # Errors
 /// [`PortError::Refused`] when the middleware cannot wait, and whatever `look` breaks with.
@@ -48,8 +63,7 @@ pub fn wait_on<B>(
     listeners: &[Listener],
     mut look: impl FnMut(Wake) -> ControlFlow<B, Duration>,
 ) -> Result<B, PortError> {
-    const SERVICE: &str = "(all)";
-    let refused = |cause: String| PortError::refused(SERVICE, "wait", cause);
+    let refused = |cause: String| PortError::refused(SEVERAL, "wait", cause);
     let waitset = WaitSetBuilder::new()
         .signal_handling_mode(SignalHandlingMode::HandleTerminationRequests)
         .create::<Ipc>()
@@ -67,8 +81,10 @@ pub fn wait_on<B>(
         let result = waitset
             .wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, timeout)
             .map_err(|e| refused(format!("{e:?}")))?;
+        // An interrupt is any signal, SIGCONT included. SIGINT and SIGTERM are remembered by the middleware, whose next wait
+        // ends with them before it begins.
         wake = match result {
-            WaitSetRunResult::TerminationRequest | WaitSetRunResult::Interrupt => Wake::Stop,
+            WaitSetRunResult::TerminationRequest => Wake::Stop,
             _ => Wake::Look,
         };
         // Before reading the data, so that a notification which comes while reading wakes again.

@@ -44,6 +44,24 @@ fn a_scan_arrives_as_it_was_written_and_wakes_its_reader() {
 }
 
 #[test]
+fn a_reader_of_one_service_sleeps_until_news_comes_and_is_not_woken_twice_by_it() {
+    let domain = domain("wait");
+    let _lock = domain.lock().unwrap();
+    let bus = Bus::join(&domain, "both").unwrap();
+    let (subscriber, listener) = RecordSubscriber::<OdometryPose>::open(&bus).unwrap();
+    let publisher = RecordPublisher::<OdometryPose>::open(&bus).unwrap();
+    for _ in 0..3 {
+        publisher.publish(&PoseFrame::default()).unwrap();
+    }
+    // The test's watchdog is this hour.
+    listener.wait(Duration::from_secs(3600)).unwrap();
+    assert_eq!(std::iter::from_fn(|| subscriber.receive().unwrap()).count(), 3);
+    let started = std::time::Instant::now();
+    listener.wait(Duration::from_millis(50)).unwrap();
+    assert!(started.elapsed() >= Duration::from_millis(50), "woken again by old news");
+}
+
+#[test]
 fn a_reader_that_falls_behind_keeps_the_newest_and_sees_the_gap() {
     let domain = domain("overflow");
     let _lock = domain.lock().unwrap();

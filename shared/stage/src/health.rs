@@ -30,11 +30,12 @@ pub struct Reporter {
 pub struct InputCounters {
     /// Frames that never came.
     pub lost: u64,
-    /// Frames that came too late for their partner.
+    /// Frames that came too late for their partner, or came twice, or were handed on without a partner that did not come in
+    /// time.
     pub late: u64,
     /// IMU samples that never came.
     pub imu_lost: u64,
-    /// IMU samples that were not in the order of time.
+    /// IMU samples that came twice, were not in the order of time, or were not finite.
     pub imu_rejected: u64,
 }
 
@@ -120,12 +121,12 @@ impl Reporter {
         let now = now_ns();
         let (then, frames) = self.last_report;
         let elapsed = now - then;
-        if elapsed > 0 {
-            let arrived = u128::from(self.health.frames_in - frames);
-            self.health.rate_millihertz =
-                (arrived * 1_000_000_000_000 / elapsed.unsigned_abs() as u128) as u64;
+        // A report out of turn (the last one) keeps the rate: over a short time it would be noise.
+        if elapsed >= INTERVAL_NS / 2 {
+            let arrived = (self.health.frames_in - frames) as f64;
+            self.health.rate_millihertz = (arrived * 1e12 / elapsed as f64).round() as u64;
+            self.last_report = (now, self.health.frames_in);
         }
-        self.last_report = (now, self.health.frames_in);
         self.health.reported_ns = now;
         self.health.lost = self.input.lost;
         self.health.late = self.input.late + self.counters.late;

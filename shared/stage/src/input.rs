@@ -13,7 +13,8 @@ pub struct ScanWithImu<'a> {
     /// whichever is earlier; on the first frame: all that came before) to the first one at or after this frame's end.
     /// Consecutive calls overlap by the samples at the border.
     pub imu: &'a [ImuSample],
-    /// Whether `imu` covers the whole frame. False when the IMU stopped: the frame is then passed on after a time-out.
+    /// Whether `imu` covers the frame to its end, or is all there is because the IMU's stream has ended. False when the IMU
+    /// stopped without a word: the frame is then handed on after a time-out and counted as late.
     pub imu_covers: bool,
     /// Latest routed pose before this scan, where an odometry runs (always of the previous `seq` in lossless mode).
     pub prior: Option<&'a PoseFrame>,
@@ -44,18 +45,20 @@ pub struct MapMessage<'a> {
 pub struct PlanInput<'a> {
     /// The update (or snapshot).
     pub map: MapMessage<'a>,
-    /// Pose at that scan's end.
+    /// Pose at that scan's end. Where it did not come (counted as late, except for a snapshot): the map header's position,
+    /// a quaternion of zeros and the state [`Lost`](evac_frames::TrackingState::Lost).
     pub pose: &'a PoseFrame,
 }
 
 /// Everything about one scan: input of the map saver.
 #[derive(Debug, Clone, Copy)]
 pub struct SinkInput<'a> {
-    /// Header of the deskewed scan.
+    /// Header of the deskewed scan. Where it did not come (counted as late, except for a snapshot): the times of the map's
+    /// header and no points.
     pub header: &'a ScanHeader,
     /// Its points in the LiDAR frame at the scan's end.
     pub points: &'a [Point],
-    /// Pose at the scan's end.
+    /// Pose at the scan's end, or what is known of it: see [`PlanInput::pose`].
     pub pose: &'a PoseFrame,
     /// The update (or snapshot) of the same `seq`.
     pub map: MapMessage<'a>,

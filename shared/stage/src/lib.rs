@@ -19,6 +19,7 @@ pub mod joins;
 mod logging;
 mod options;
 mod output;
+mod pace;
 mod run_source;
 mod run_stage;
 mod source;
@@ -26,7 +27,7 @@ mod stage;
 
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
-pub use health::Reporter;
+pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;

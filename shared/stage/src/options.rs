@@ -29,9 +29,9 @@ pub struct RunOptions {
     /// Check the configuration and end
     #[arg(long)]
     pub check: bool,
-    /// End when the process that started this one ends
-    #[arg(long)]
-    pub die_with_parent: bool,
+    /// End when the process PID, which has started this one, ends
+    #[arg(long, value_name = "PID")]
+    pub die_with_parent: Option<u32>,
     /// Logging.
     #[command(flatten)]
     pub log: LogOptions,

@@ -53,19 +53,20 @@ pub(crate) fn prepare<C: StageConfig>(
         println!("{}: configuration is valid", context.name);
         return Ok(None);
     }
-    if options.die_with_parent {
-        die_with_parent()?;
+    if let Some(parent) = options.die_with_parent {
+        die_with_parent(parent)?;
     }
     Ok(Some((context, config)))
 }
 
 /// Asks the kernel to end this process when the one that started it ends.
-fn die_with_parent() -> Result<(), RunError> {
+fn die_with_parent(parent: u32) -> Result<(), RunError> {
     use rustix::process::{Signal, getppid, set_parent_process_death_signal};
     set_parent_process_death_signal(Some(Signal::TERM))
         .map_err(|cause| RunError::Peer(format!("cannot follow the launcher: {cause}")))?;
-    // The launcher may have ended before the request: then init is the parent now.
-    if getppid().is_none_or(|parent| parent.is_init()) {
+    // The launcher may have ended before the request: then somebody else is the parent now. (Not always init, and in a
+    // container the launcher may be init.)
+    if getppid().is_none_or(|pid| i64::from(pid.as_raw_pid()) != i64::from(parent)) {
         return Err(RunError::Peer("the launcher has ended".to_owned()));
     }
     Ok(())
@@ -84,10 +85,8 @@ where
     let Some((context, config)) = prepare::<S::Config>(S::NAME, options)? else { return Ok(()) };
     let stage = S::new(config, &context.rig)?;
     let bus = Bus::join(&context.domain, &context.name)?;
-    let join_options = JoinOptions {
-        lossless: context.mode == evac_config::Mode::Lossless,
-        has_odometry: context.has_kind(ODOMETRY_KINDS),
-    };
+    let lossless = context.mode == evac_config::Mode::Lossless;
+    let join_options = JoinOptions::new(lossless, context.has_kind(ODOMETRY_KINDS));
     let (join, listeners) = J::open(&bus, join_options)?;
     let output = S::Output::open(&bus, context.epoch)?;
     let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
@@ -127,18 +126,27 @@ where
     }
 
     /// Handles everything that has come; the time until it must look again, `None` when it is done.
+    ///
+    /// What was handed over before SIGTERM is still handled, what comes after it is not: a stage that is slower than its
+    /// input would never end.
     fn look(&mut self, bus: &Bus, wake: Wake) -> Result<Option<Duration>, RunError> {
+        let mut stop = wake == Wake::Stop;
         self.join.take_in(&mut self.reporter)?;
         while !self.ended && self.handle_next()? {
-            self.join.take_in(&mut self.reporter)?;
+            self.stage.serve(&mut self.output)?;
             self.reporter.report_if_due()?;
+            if !stop {
+                stop = bus.stop_requested();
+                self.join.take_in(&mut self.reporter)?;
+            }
         }
-        if wake == Wake::Stop || bus.stop_requested() {
+        if stop {
             if !self.ended {
                 self.stage.finish()?;
             }
             return Ok(None);
         }
+        self.stage.serve(&mut self.output)?;
         if self.ended && self.ack.is_some() {
             return Ok(None);
         }

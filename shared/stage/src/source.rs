@@ -1,6 +1,6 @@
 //! The contract of a producer that knows its whole stream: a recording or a simulated walk.
 
-use crate::{Rig, StageConfig, StageError};
+use crate::{Counters, Rig, StageConfig, StageError};
 use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader};
 
 /// One thing a sensor said. Header fields `seq`, `arrival_ns`, `sent_ns` and `epoch` are filled in by the run loop.
@@ -42,6 +42,15 @@ pub trait Source: Sized {
     /// before the scan, so that it is there when the scan has passed through the pipeline.
     fn truth(&self) -> Option<PoseFrame> {
         None
+    }
+
+    /// What was left out or damaged so far. The run loop asks after each event and reports it; scans with
+    /// `lost_packets` it counts as degraded itself.
+    ///
+    /// `late`: packets or messages that came twice or out of order. `rejected`: data that was not passed on for any other
+    /// reason, such as values that are not finite, damaged packets, or other devices' data.
+    fn counters(&self) -> Counters {
+        Counters::default()
     }
 
     /// Scans in the whole stream, for progress; `None` where it is not known beforehand.

@@ -33,6 +33,15 @@ pub trait Stage: Sized {
         counters: &mut Counters,
     ) -> Result<(), StageError>;
 
+    /// Answers requests of other stages. Called after every frame and, while none comes, at least once a second, also after
+    /// the last one. Where nothing is asked for it neither allocates nor locks.
+    ///
+    /// # Errors
+    /// As `process`.
+    fn serve(&mut self, _output: &mut Self::Output) -> Result<(), StageError> {
+        Ok(())
+    }
+
     /// Called once after the last frame or on SIGTERM; sinks finish their files here.
     ///
     /// # Errors

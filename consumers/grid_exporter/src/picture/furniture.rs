@@ -18,7 +18,7 @@ pub(super) enum Sign {
 const LEGEND: [(Sign, &str); 6] = [
     (Sign::Cell(OCCUPIED), "wall or obstacle"),
     (Sign::Cell(FREE), "free"),
-    (Sign::Cell(UNKNOWN), "not seen"),
+    (Sign::Cell(UNKNOWN), "unknown"),
     (Sign::Path, "path walked"),
     (Sign::Start, "start"),
     (Sign::End, "end"),

@@ -50,7 +50,8 @@ impl MapView<'_> {
         }
     }
 
-    /// What is shown at a pixel counted from the lower left corner; of several cells the worst that is there.
+    /// What is shown at a pixel counted from the lower left corner; of several cells an obstacle
+    /// where there is one, else what most of them are.
     fn cell(&self, x: u32, y: u32) -> i8 {
         let (x, y) = (x / self.scale * self.reduction, y / self.scale * self.reduction);
         let rows = y..(y + self.reduction).min(self.grid.height);

@@ -1,4 +1,4 @@
-//! The plan as a picture for people: walls dark, free space white, what was not seen hatched grey, the walked path with
+//! The plan as a picture for people: walls dark, free space white, what is unknown hatched grey, the walked path with
 //! its start and end, a metre grid, a scale bar and a legend.
 
 mod canvas;
@@ -77,7 +77,7 @@ fn subtitle(grid: &OccupancyGrid, path: &Path, [low, high]: [f64; 2], dot: i64, 
     let parts = [
         format!("{:.1} x {:.1} m", f64::from(grid.width) * resolution, f64::from(grid.height) * resolution),
         format!("cells of {resolution:.2} m"),
-        format!("{free:.0} m² seen free"),
+        format!("{free:.0} m² free"),
         format!("{:.0} m walked", path.length()),
         format!("obstacles {low:.1} - {high:.1} m above ground"),
     ];

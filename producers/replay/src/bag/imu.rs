@@ -6,7 +6,7 @@ use evac_formats::FormatError;
 use evac_formats::ros1::Imu;
 use evac_formats::rosbag::{BagIndex, BagReader};
 use evac_frames::ImuSample;
-use evac_stage::StageError;
+use evac_stage::{Counters, StageError};
 
 use super::bad_message;
 use super::topics::Topic;
@@ -26,6 +26,10 @@ pub(super) struct BagImu {
     first_ns: i64,
     last_ns: Option<i64>,
     late: u64,
+    /// Messages with a value that is not finite.
+    rejected: u64,
+    /// The end was reached and what was left out is in the log.
+    told: bool,
 }
 
 struct Messages {
@@ -69,11 +73,22 @@ impl BagImu {
         };
         let (offset_ns, messages) = (config.imu_offset_ns(), open()?);
         let first_ns = first.unwrap_or_default().saturating_add(offset_ns);
-        Ok(Self { messages, unit, offset_ns, first_ns, last_ns: None, late: 0 })
+        Ok(Self { messages, unit, offset_ns, first_ns, last_ns: None, late: 0, rejected: 0, told: false })
     }
 
     pub(super) fn first_ns(&self) -> i64 {
         self.first_ns
+    }
+
+    fn tell(&self) {
+        let (file, topic) = (self.messages.path.display(), &self.messages.topic);
+        for (number, what) in
+            [(self.late, "whose stamps do not rise"), (self.rejected, "with values that are not finite")]
+        {
+            if number > 0 {
+                tracing::warn!("{file}: left out {number} messages on {topic} {what}");
+            }
+        }
     }
 }
 
@@ -90,13 +105,16 @@ impl ImuStream for BagImu {
             if sample.is_some() {
                 return Ok(sample);
             }
+            self.rejected += 1;
         }
-        if self.late > 0 {
-            let (file, topic) = (self.messages.path.display(), &self.messages.topic);
-            tracing::warn!("{file}: left out {} messages on {topic} whose stamps do not rise", self.late);
-            self.late = 0;
+        if !std::mem::replace(&mut self.told, true) {
+            self.tell();
         }
         Ok(None)
+    }
+
+    fn counters(&self) -> Counters {
+        Counters { late: self.late, rejected: self.rejected, ..Counters::default() }
     }
 }
 

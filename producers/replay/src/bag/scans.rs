@@ -6,6 +6,7 @@ use evac_formats::FormatError;
 use evac_formats::ros1::{CustomMsg, PointCloud2, TimeUnit};
 use evac_formats::rosbag::{BagIndex, BagMessage, BagReader};
 use evac_frames::{FrameHeader, Point, ScanHeader, frame_flags, scan_flags};
+use evac_stage::Counters;
 
 use super::bad_message;
 use super::cloud::Cloud;
@@ -28,6 +29,8 @@ pub(super) struct BagScans {
     length_ns: i64,
     last_end_ns: i64,
     total: u64,
+    /// Points that were not finite.
+    rejected: u64,
 }
 
 struct Messages {
@@ -37,6 +40,8 @@ struct Messages {
     unit: Option<TimeUnit>,
     last_start: Option<i64>,
     late: u64,
+    /// The end was reached and what was left out is in the log.
+    told: bool,
 }
 
 impl BagScans {
@@ -59,6 +64,7 @@ impl BagScans {
             length_ns,
             last_end_ns: 0,
             total: topic.messages,
+            rejected: 0,
         })
     }
 
@@ -79,6 +85,7 @@ impl ScanStream for BagScans {
             rejected: cloud.rejected,
             ..ScanHeader::default()
         };
+        self.rejected += u64::from(cloud.rejected);
         let length = match cloud.last_ns {
             Some(last) => {
                 let to_next = next_start.map_or(self.length_ns, |next| next - cloud.start_ns);
@@ -106,13 +113,17 @@ impl ScanStream for BagScans {
     fn total(&self) -> u64 {
         self.total
     }
+
+    fn counters(&self) -> Counters {
+        Counters { late: self.messages.late, rejected: self.rejected, ..Counters::default() }
+    }
 }
 
 impl Messages {
     fn open(index: &BagIndex, topic: &Topic) -> Result<Self, FormatError> {
         let reader = BagReader::new(index, &topic.connections)?;
         let (path, topic) = (index.path().to_owned(), topic.clone());
-        Ok(Self { path, topic, reader, unit: None, last_start: None, late: 0 })
+        Ok(Self { path, topic, reader, unit: None, last_start: None, late: 0, told: false })
     }
 
     /// The shortest time between two of the first clouds; `default` where there is only one.
@@ -154,10 +165,9 @@ impl Messages {
             }
             self.late += 1;
         }
-        if self.late > 0 {
+        if self.late > 0 && !std::mem::replace(&mut self.told, true) {
             let (file, topic) = (self.path.display(), &self.topic.name);
             tracing::warn!("{file}: left out {} messages on {topic} whose times do not rise", self.late);
-            self.late = 0;
         }
         Ok(false)
     }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use evac_formats::FormatError;
 use evac_frames::ImuSample;
-use evac_stage::StageError;
+use evac_stage::{Counters, StageError};
 
 use super::packets::{Kind, Packets};
 use super::survey::Survey;
@@ -17,6 +17,8 @@ pub(super) struct CaptureImu {
     packets: Packets,
     one_g: f64,
     offset_ns: i64,
+    /// Samples that were not whole or not finite.
+    damaged: u64,
 }
 
 impl CaptureImu {
@@ -31,20 +33,29 @@ impl CaptureImu {
             return Err(StageError::File(text));
         }
         tracing::info!("{}: the IMU is the LiDAR's own, in g", path.display());
-        Ok(Self { packets: open()?, one_g: config.one_g_m_s2, offset_ns: config.imu_offset_ns() })
+        Ok(Self { packets: open()?, one_g: config.one_g_m_s2, offset_ns: config.imu_offset_ns(), damaged: 0 })
     }
 }
 
 impl ImuStream for CaptureImu {
     fn next_sample(&mut self) -> Result<Option<ImuSample>, FormatError> {
         while let Some(stamp) = self.packets.advance()? {
-            let Some(record) = self.packets.datagram().and_then(|datagram| datagram.imu(0)) else { continue };
-            let accel = record.accel_g.map(|value| f64::from(value) * self.one_g);
-            let sample = imu_sample(stamp.saturating_add(self.offset_ns), record.gyro.map(f64::from), accel);
+            let record = self.packets.datagram().and_then(|datagram| datagram.imu(0));
+            let sample = record.and_then(|record| {
+                let accel = record.accel_g.map(|value| f64::from(value) * self.one_g);
+                imu_sample(stamp.saturating_add(self.offset_ns), record.gyro.map(f64::from), accel)
+            });
             if sample.is_some() {
                 return Ok(sample);
             }
+            self.damaged += 1;
         }
         Ok(None)
+    }
+
+    /// The capture is the points' too, who count what is not of this device.
+    fn counters(&self) -> Counters {
+        let unused = self.packets.unused();
+        Counters { late: unused.late, rejected: unused.stray + self.damaged, ..Counters::default() }
     }
 }

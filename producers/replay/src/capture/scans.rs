@@ -5,6 +5,7 @@ use std::path::Path;
 use evac_formats::FormatError;
 use evac_formats::livox_sdk1::Datagram;
 use evac_frames::{FrameHeader, Point, ScanHeader, frame_flags};
+use evac_stage::Counters;
 
 use super::packets::{Kind, Packets};
 use super::survey::Survey;
@@ -25,6 +26,8 @@ pub(super) struct CaptureScans {
     held: Option<Held>,
     /// Packets that should have been between the one at hand and the one before.
     missing: Missing,
+    /// Points that were not passed on.
+    rejected: u64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -46,7 +49,14 @@ struct Missing {
 impl CaptureScans {
     pub(super) fn open(path: &Path, survey: &Survey, config: &Config) -> Result<Self, FormatError> {
         let packets = Packets::of(path, survey.device, Kind::Points, config.allow_truncated)?;
-        Ok(Self { packets, survey: survey.clone(), next: 0, held: None, missing: Missing::default() })
+        Ok(Self {
+            packets,
+            survey: survey.clone(),
+            next: 0,
+            held: None,
+            missing: Missing::default(),
+            rejected: 0,
+        })
     }
 
     /// The packet at hand, or the next.
@@ -91,6 +101,7 @@ impl ScanStream for CaptureScans {
             }
         }
         header.points = points.len() as u32;
+        self.rejected += u64::from(header.rejected);
         if self.next == scans {
             header.frame.flags |= frame_flags::END_OF_STREAM;
         }
@@ -99,6 +110,12 @@ impl ScanStream for CaptureScans {
 
     fn total(&self) -> u64 {
         self.survey.scans
+    }
+
+    fn counters(&self) -> Counters {
+        let (unused, file) = (self.packets.unused(), self.packets.counts());
+        let rejected = unused.foreign + unused.other_devices + unused.stray + file.fragments + file.cut;
+        Counters { late: unused.late, rejected: rejected + self.rejected, ..Counters::default() }
     }
 }
 

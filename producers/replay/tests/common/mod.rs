@@ -14,7 +14,7 @@ use std::process::Command;
 
 use evac_frames::{ImuSample, Point, ScanHeader};
 use evac_replay::{Config, Replay};
-use evac_stage::{Rig, SensorEvent, Source};
+use evac_stage::{Counters, Rig, SensorEvent, Source};
 
 /// A file of a simulated walk, unpacked once into the build's folder; `None` (and a line) where it cannot be had.
 pub(crate) fn unpacked(walk: &str, file: &str) -> Option<PathBuf> {
@@ -75,6 +75,8 @@ pub(crate) struct Told {
     pub(crate) points: Vec<Point>,
     pub(crate) returns: u64,
     pub(crate) total: Option<u64>,
+    /// At the end.
+    pub(crate) counters: Counters,
 }
 
 /// Replays everything, checks the order of events, and keeps the points of the first `keep` scans.
@@ -104,5 +106,6 @@ pub(crate) fn tell(config: Config, keep: usize) -> Told {
         assert!(at >= time, "events go back from {time} to {at}");
         time = at;
     }
+    told.counters = replay.counters();
     told
 }

@@ -1,7 +1,7 @@
 //! The 18-byte header of a data datagram.
 
 /// Bytes before the first record.
-pub const HEADER_BYTES: usize = 18;
+pub(super) const HEADER_BYTES: usize = 18;
 
 /// The only protocol version that devices send.
 const VERSION: u8 = 5;
@@ -32,6 +32,9 @@ pub enum DatagramError {
     /// A date that does not exist, for example month 13.
     #[error("the UTC time stamp holds no valid date")]
     Date,
+    /// A time stamp of more nanoseconds than 292 years have.
+    #[error("the time stamp is beyond 2^63 ns")]
+    Stamp,
 }
 
 /// Kind of the records of a datagram.
@@ -172,7 +175,10 @@ impl DataHeader {
         let data_type = DataType::from_wire(data_type).ok_or(DatagramError::DataType(data_type))?;
         let timestamp_type =
             TimestampType::from_wire(timestamp_type).ok_or(DatagramError::TimestampType(timestamp_type))?;
-        let stamp_ns = timestamp_type.nanoseconds(stamp).ok_or(DatagramError::Date)?;
+        let stamp_ns = timestamp_type.nanoseconds(stamp).ok_or(match timestamp_type {
+            TimestampType::Utc => DatagramError::Date,
+            _ => DatagramError::Stamp,
+        })?;
         let status = u32::from_le_bytes([s0, s1, s2, s3]);
         Ok(Self { slot, lidar_id, status, timestamp_type, data_type, stamp_ns })
     }

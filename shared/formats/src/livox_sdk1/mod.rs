@@ -7,5 +7,5 @@ mod header;
 mod records;
 
 pub use encode::{CartesianMm, DATAGRAM_SHOTS, encode_cartesian, encode_imu};
-pub use header::{DataHeader, DataType, DatagramError, HEADER_BYTES, TimestampType};
+pub use header::{DataHeader, DataType, DatagramError, TimestampType};
 pub use records::{Datagram, ImuRecord, LivoxPoint};

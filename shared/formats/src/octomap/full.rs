@@ -4,7 +4,7 @@ use super::Fault;
 use super::tree::{DEPTH, Node, Shape, TooDeep};
 
 /// Bytes of one node.
-pub(super) const NODE_BYTES: usize = 5;
+const NODE_BYTES: usize = 5;
 
 /// Appends the nodes as they stand in the file.
 pub(super) fn encode(nodes: &[Node], bytes: &mut Vec<u8>) {

@@ -1,5 +1,4 @@
-//! OctoMap's files: `.ot` (full log-odds) and `.bt` (two bits a node), byte-equal to what the C++ library writes, and
-//! the bodies alone as `octomap_msgs/Octomap` carries them.
+//! OctoMap's files: `.ot` (full log-odds) and `.bt` (two bits a node), byte-equal to what the C++ library writes.
 //!
 //! Both hold one octree of 16 levels in pre-order, children by index `x | y << 1 | z << 2`; see [`OcTreeFile`].
 
@@ -89,65 +88,8 @@ pub fn write_bt(path: &Path, tree: &OcTreeFile, values: &BinaryValues) -> Result
     write_bytes(path, &bt_bytes(tree, values))
 }
 
-/// Writes a `.bt` file with [`bt_const_bytes`], whole or not at all.
-///
-/// # Errors
-/// [`FormatError::Io`].
-pub fn write_bt_const(path: &Path, tree: &OcTreeFile, threshold: f32) -> Result<(), FormatError> {
-    write_bytes(path, &bt_const_bytes(tree, threshold))
-}
-
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), FormatError> {
     write_atomically(path, |writer| std::io::Write::write_all(writer, bytes))
-}
-
-/// The tree as the data of an `octomap_msgs/Octomap` message with `binary = false`: no header.
-pub fn full_body(tree: &OcTreeFile) -> Vec<u8> {
-    let mut bytes = Vec::with_capacity(tree.nodes().len() * full::NODE_BYTES);
-    full::encode(tree.nodes(), &mut bytes);
-    bytes
-}
-
-/// The tree as it stands as the data of an `octomap_msgs/Octomap` message with `binary = true`: no header.
-pub fn binary_body(tree: &OcTreeFile, threshold: f32) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    binary::encode(tree.nodes(), threshold, &mut bytes);
-    bytes
-}
-
-/// Reads the data of an `octomap_msgs/Octomap` message with `binary = false`; `name` is only for messages.
-///
-/// # Errors
-/// [`FormatError::Malformed`] naming the byte of the body and the remedy.
-pub fn full_from_body(resolution: f64, body: &[u8], name: &Path) -> Result<OcTreeFile, FormatError> {
-    from_body(resolution, body, |body| full::decode(body, 0, u64::MAX)).map_err(|fault| fault.in_file(name))
-}
-
-/// Reads the data of an `octomap_msgs/Octomap` message with `binary = true`; `name` is only for messages.
-///
-/// # Errors
-/// [`FormatError::Malformed`] naming the byte of the body and the remedy.
-pub fn binary_from_body(
-    resolution: f64,
-    body: &[u8],
-    values: &BinaryValues,
-    name: &Path,
-) -> Result<OcTreeFile, FormatError> {
-    from_body(resolution, body, |body| binary::decode(body, 0, u64::MAX, values))
-        .map_err(|fault| fault.in_file(name))
-}
-
-fn from_body(
-    resolution: f64,
-    body: &[u8],
-    decode: impl FnOnce(&[u8]) -> Result<Vec<Node>, Fault>,
-) -> Result<OcTreeFile, Fault> {
-    if !tree::is_resolution(resolution) {
-        let cause = format!("the message's resolution is {resolution} m");
-        return Err(Fault::new(0, cause, "give the edge of a voxel in metres, greater than zero"));
-    }
-    let nodes = if body.is_empty() { Vec::new() } else { decode(body)? };
-    Ok(OcTreeFile::assume_valid(resolution, nodes))
 }
 
 /// What is wrong with the bytes, before it is known which file they are from.

@@ -28,10 +28,11 @@ impl<W: Write> PcapWriter<W> {
         Ok(Self { out })
     }
 
-    /// Writes one datagram, captured at `time_ns` since 1970 (a time before that is written as 1970).
+    /// Writes one datagram, captured at `time_ns` since 1970.
     ///
     /// # Errors
-    /// Those of the output; `InvalidInput` for a payload that no IPv4 packet can hold.
+    /// Those of the output; `InvalidInput` for a payload that no IPv4 packet can hold and for a time before 1970 or
+    /// after 2106, which the format cannot.
     pub fn write_udp(
         &mut self,
         time_ns: i64,
@@ -43,9 +44,11 @@ impl<W: Write> PcapWriter<W> {
         let udp_length = u16::try_from(UDP_HEADER + payload.len()).map_err(too_long)?;
         let ip_length = u16::try_from(IPV4_HEADER + UDP_HEADER + payload.len()).map_err(too_long)?;
         let captured = (ETHERNET_HEADER as u32) + u32::from(ip_length);
-        let microseconds = time_ns.max(0) / 1000;
-        let (seconds, fraction) = (microseconds / 1_000_000, microseconds % 1_000_000);
-        for field in [seconds as u32, fraction as u32, captured, captured] {
+        let seconds = u32::try_from(time_ns.div_euclid(1_000_000_000)).map_err(|_| {
+            Error::new(ErrorKind::InvalidInput, format!("{time_ns} ns is not in 1970 to 2106"))
+        })?;
+        let microseconds = (time_ns.rem_euclid(1_000_000_000) / 1000) as u32;
+        for field in [seconds, microseconds, captured, captured] {
             self.out.write_all(&field.to_le_bytes())?;
         }
         self.out.write_all(&hardware_address(*destination.ip()))?;

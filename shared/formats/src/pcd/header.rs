@@ -157,12 +157,12 @@ impl Entries {
                     return Err(format!("field {name:?} has COUNT {count} where 1 is needed"));
                 }
             }
-            let bytes = size.checked_mul(count).filter(|bytes| offset + bytes <= LARGEST_RECORD);
-            let Some(bytes) = bytes else {
+            let end = size.checked_mul(count).and_then(|bytes| offset.checked_add(bytes));
+            let Some(end) = end.filter(|end| *end <= LARGEST_RECORD) else {
                 return Err(format!("one point takes more than {LARGEST_RECORD} bytes"));
             };
             fields.push(Field { name, size, scalar, count, offset, column });
-            offset += bytes;
+            offset = end;
             column += count;
         }
         if let Some(missing) = ["x", "y", "z"].iter().find(|axis| !fields.iter().any(|f| f.name == **axis)) {
@@ -177,7 +177,7 @@ impl Entries {
 fn points(points: Option<u64>, width: Option<u64>, height: Option<u64>) -> Result<u64, String> {
     let area = match (width, height) {
         (Some(w), Some(h)) => {
-            Some(w.checked_mul(h).ok_or(format!("WIDTH {w} times HEIGHT {h} is beyond 64 bits"))?)
+            Some(w.checked_mul(h).ok_or_else(|| format!("WIDTH {w} times HEIGHT {h} is beyond 64 bits"))?)
         }
         _ => None,
     };

@@ -63,11 +63,6 @@ impl<R: BufRead> Reader<R> {
         &self.header
     }
 
-    /// Whether the points carry an intensity.
-    pub fn has_intensity(&self) -> bool {
-        self.header.field("intensity").is_some()
-    }
-
     fn malformed(&self, offset: u64, cause: impl Into<String>, remedy: &str) -> FormatError {
         FormatError::malformed(self.lines.path(), offset, cause, remedy)
     }

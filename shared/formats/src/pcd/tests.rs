@@ -120,6 +120,10 @@ fn bad_headers_are_refused_with_their_cause() {
         let error = read_bytes(good.replacen(from, to, 1).as_bytes()).unwrap_err().to_string();
         assert!(error.contains(word) && error.starts_with("a.pcd: byte "), "{error}");
     }
+    // A COUNT that would wrap round the size of a point.
+    let wide = header("x y z _", "4 4 4 1", "F F F U", "1 1 1 18446744073709551615", 1, "binary");
+    let error = read_bytes(&[wide, vec![0; 64]].concat()).unwrap_err().to_string();
+    assert!(error.contains("more than 65536 bytes"), "{error}");
     let giant = header("x y z", "4 4 4", "F F F", "1 1 1", usize::MAX, "binary_compressed");
     let error = read_bytes(&[giant, vec![0xff; 8]].concat()).unwrap_err().to_string();
     assert!(error.contains("do not fit"), "{error}");
@@ -160,6 +164,25 @@ proptest! {
             for (a, b) in [(a.x, b.x), (a.y, b.y), (a.z, b.z), (a.intensity, b.intensity)] {
                 prop_assert!(a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan());
             }
+        }
+    }
+
+    #[test]
+    fn headers_of_extreme_numbers_never_panic(
+        sizes in prop::sample::select(vec!["1 2 4", "8 8 8", "1 1 1", "4 0 4", "4 18446744073709551615 1"]),
+        numbers in proptest::collection::vec(
+            prop::sample::select(vec![0_u64, 1, 2, 5, 65_536, 1 << 32, 1 << 61, 1 << 63, u64::MAX - 3, u64::MAX]), 5),
+        encoding in prop::sample::select(vec!["ascii", "binary", "binary_compressed"]),
+        body in proptest::collection::vec(any::<u8>(), 0..80),
+    ) {
+        let [a, b, c, width, height] = numbers[..] else { unreachable!() };
+        let points = width.wrapping_mul(height);
+        let head = format!(
+            "FIELDS a b c x y z\nSIZE {sizes} 4 4 4\nTYPE U U I F F F\nCOUNT {a} {b} {c} 1 1 1\n\
+            WIDTH {width}\nHEIGHT {height}\nPOINTS {points}\nDATA {encoding}\n"
+        );
+        if let Ok(reader) = Reader::new([head.as_bytes(), &body].concat().as_slice(), Path::new("a.pcd")) {
+            prop_assert!(reader.take(1000).filter(Result::is_err).count() <= 1);
         }
     }
 

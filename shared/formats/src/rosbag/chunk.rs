@@ -1,5 +1,6 @@
 //! The data of a chunk, unpacked.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
@@ -39,7 +40,7 @@ pub(super) struct Chunk {
     pub(super) size: u32,
     pub(super) compression: Compression,
     /// Connections of its messages and how many each has.
-    pub(super) counts: Vec<(u32, u32)>,
+    pub(super) counts: BTreeMap<u32, u64>,
 }
 
 impl Chunk {

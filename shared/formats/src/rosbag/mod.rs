@@ -4,6 +4,7 @@ mod chunk;
 mod index;
 mod reader;
 mod record;
+mod walk;
 
 pub use index::{BagIndex, Connection};
 pub use reader::{BagMessage, BagReader};

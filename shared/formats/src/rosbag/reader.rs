@@ -55,7 +55,7 @@ impl BagReader {
     /// [`FormatError::Io`] if the file cannot be opened again.
     pub fn new(index: &BagIndex, wanted: &[u32]) -> Result<Self, FormatError> {
         let file = File::open(&index.path).map_err(|cause| FormatError::reading(&index.path, cause))?;
-        let holds = |chunk: &&Chunk| chunk.counts.iter().any(|(id, _)| wanted.contains(id));
+        let holds = |chunk: &&Chunk| wanted.iter().any(|id| chunk.counts.contains_key(id));
         let chunks = index.chunks.iter().filter(holds).cloned().collect();
         Ok(Self {
             path: index.path.clone(),

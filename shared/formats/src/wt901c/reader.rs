@@ -127,11 +127,6 @@ impl<R: BufRead> Wt901cReader<R> {
         }
     }
 
-    /// The file, as it was named.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     fn end(&mut self) -> Result<(), FormatError> {
         let Wt901cCounts { bytes, samples, .. } = self.counts;
         if samples == 0 {

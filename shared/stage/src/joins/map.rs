@@ -10,6 +10,9 @@ use super::MAX_HELD;
 use super::seq::SeqTracker;
 use crate::{MapMessage, Reporter};
 
+/// Updates after which an unanswered request is made again: its mapper may have ended.
+const ASK_AGAIN: u64 = MAX_HELD as u64;
+
 /// An update or a snapshot in shared memory.
 #[derive(Debug)]
 pub(super) enum MapSample {
@@ -34,30 +37,47 @@ impl MapSample {
     }
 
     pub(super) fn is_snapshot(&self) -> bool {
-        self.header().map_flags & map_flags::SNAPSHOT != 0
+        matches!(self, Self::Snapshot(_))
+    }
+
+    fn seq(&self) -> u64 {
+        self.header().frame.seq
     }
 }
 
-/// Reads the map's stream. A reader that joins late, or that missed an update, asks for a snapshot and goes on from it, so
+/// Which map it is: that of one mapper after so many key frames. Scans that are no key frame change nothing, so a
+/// reader may miss them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Revision {
+    epoch: u32,
+    key_frames: u64,
+}
+
+impl Revision {
+    fn after(header: &MapHeader) -> Self {
+        Self { epoch: header.frame.epoch, key_frames: header.key_frames }
+    }
+
+    fn before(header: &MapHeader) -> Self {
+        let news = u64::from(header.map_flags & map_flags::KEY_FRAME != 0);
+        Self { key_frames: header.key_frames.saturating_sub(news), ..Self::after(header) }
+    }
+}
+
+/// Reads the map's stream. A reader that joins late, or that missed a key frame, asks for a snapshot and goes on from it, so
 /// that it always ends with the same map.
 #[derive(Debug)]
 pub(super) struct MapStream {
     updates: FrameSubscriber<MapUpdate>,
     snapshots: FrameSubscriber<MapSnapshot>,
     request: RequestSender,
+    /// What was not handed on yet, in order; a snapshot only in front.
     held: VecDeque<MapSample>,
     seq: SeqTracker,
-    state: State,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum State {
-    /// No update has come yet.
-    Start,
-    /// Every update up to here is known.
-    InStep,
-    /// A snapshot is asked for; updates are held.
-    Asked,
+    /// The map after the last message that was handed on; `None` before the first.
+    known: Option<Revision>,
+    /// The newest update when a snapshot was asked for; `None` when none is awaited.
+    asked_at: Option<u64>,
 }
 
 impl MapStream {
@@ -70,54 +90,75 @@ impl MapStream {
             request: RequestSender::open(bus, SNAPSHOT_REQUEST)?,
             held: VecDeque::with_capacity(MAX_HELD + 2),
             seq: SeqTracker::default(),
-            state: State::Start,
+            known: None,
+            asked_at: None,
         };
         Ok((stream, [update_listener, snapshot_listener]))
     }
 
     pub(super) fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
         while let Some(update) = self.updates.receive()? {
-            let header = *update.header();
-            reporter.received(header.frame.sent_ns);
-            let Some(gap) = self.seq.gap(header.frame.seq) else { continue };
-            reporter.input.lost += gap;
-            let is_key_frame = header.map_flags & map_flags::KEY_FRAME != 0;
-            let from_the_start = header.key_frames == u64::from(is_key_frame);
-            let in_step = match self.state {
-                State::Start => from_the_start,
-                State::InStep => gap == 0,
-                State::Asked => false,
-            };
-            if in_step {
-                self.state = State::InStep;
-            } else if self.state != State::Asked {
-                self.request.send()?;
-                self.state = State::Asked;
+            let frame = update.header().frame;
+            reporter.received(frame.sent_ns);
+            if !self.seq.count(frame.seq, &mut reporter.input) {
+                continue;
             }
             self.held.push_back(MapSample::Update(update));
             if self.held.len() > MAX_HELD {
-                // Nothing was lost for good: the snapshot that is asked for holds it.
                 self.held.pop_front();
-                if self.state == State::InStep {
-                    self.request.send()?;
-                    self.state = State::Asked;
-                }
+                reporter.input.lost += u64::from(self.known.is_some());
             }
         }
         while let Some(snapshot) = self.snapshots.receive()? {
-            if self.state != State::Asked {
-                continue;
-            }
-            let seq = snapshot.header().frame.seq;
-            self.held.retain(|update| update.header().frame.seq > seq);
-            self.held.push_front(MapSample::Snapshot(snapshot));
-            self.state = State::InStep;
+            self.offer(snapshot, reporter);
         }
-        Ok(())
+        self.ask_if_needed()
     }
 
     /// The next message; nothing while a snapshot is awaited.
     pub(super) fn next(&mut self) -> Option<MapSample> {
-        if self.state == State::InStep { self.held.pop_front() } else { None }
+        let sample = if self.is_in_step() { self.held.pop_front()? } else { return None };
+        self.known = Some(Revision::after(sample.header()));
+        Some(sample)
+    }
+
+    /// Whether the first held message can be handed on, if there is one.
+    fn is_in_step(&self) -> bool {
+        let Some(MapSample::Update(update)) = self.held.front() else { return true };
+        let before = Revision::before(update.header());
+        self.known.map_or(before.key_frames == 0, |known| known == before)
+    }
+
+    /// Goes on from a snapshot where one is needed and nothing is missing between it and the held updates.
+    fn offer(&mut self, snapshot: FrameSample<MapSnapshot>, reporter: &mut Reporter) {
+        if self.is_in_step() {
+            return;
+        }
+        let header = *snapshot.header();
+        let same_epoch = |newest: &MapSample| newest.header().frame.epoch == header.frame.epoch;
+        let joins = match self.held.iter().find(|update| update.seq() > header.frame.seq) {
+            Some(next) => Revision::before(next.header()) == Revision::after(&header),
+            None => self.held.back().is_some_and(same_epoch),
+        };
+        // Either way the next thing to do is known: go on, or ask for a newer one.
+        self.asked_at = None;
+        if !joins {
+            return;
+        }
+        let covered = self.held.iter().filter(|update| update.seq() < header.frame.seq).count();
+        self.held.retain(|update| update.seq() > header.frame.seq);
+        self.held.push_front(MapSample::Snapshot(snapshot));
+        // Their changes are in the snapshot, but the frames are not handed on. A late joiner misses nothing.
+        reporter.input.lost += if self.known.is_some() { covered as u64 } else { 0 };
+    }
+
+    fn ask_if_needed(&mut self) -> Result<(), PortError> {
+        let Some(newest) = self.held.back().map(MapSample::seq) else { return Ok(()) };
+        let is_due = self.asked_at.is_none_or(|at| newest >= at + ASK_AGAIN);
+        if !self.is_in_step() && is_due {
+            self.request.send()?;
+            self.asked_at = Some(newest);
+        }
+        Ok(())
     }
 }

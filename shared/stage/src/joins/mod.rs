@@ -26,6 +26,17 @@ pub struct JoinOptions {
     pub lossless: bool,
     /// Whether an odometry runs in the pipeline, whose poses the deskewer may wait for.
     pub has_odometry: bool,
+    /// How long a scan waits for the IMU samples that cover it and, where it needs it, for the pose before; nanoseconds.
+    pub patience_ns: i64,
+}
+
+impl JoinOptions {
+    /// Live, a scan waits 0.2 s: serial adapters batch up to 16 ms, ten times that is a fault. In lossless mode a run
+    /// whose partner does not come within 20 s is broken.
+    pub fn new(lossless: bool, has_odometry: bool) -> Self {
+        let patience_ns = if lossless { 20_000_000_000 } else { 200_000_000 };
+        Self { lossless, has_odometry, patience_ns }
+    }
 }
 
 /// Scans that a join may hold while it waits for their partners; below what the services let a subscriber borrow.

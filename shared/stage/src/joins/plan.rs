@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evac_frames::{FrameHeader, MapHeader, PoseFrame};
+use evac_frames::{FrameHeader, MapHeader, PoseFrame, TrackingState};
 use evac_ports::services::OdometryPose;
 use evac_ports::{Bus, Listener, PortError, RecordSubscriber};
 
@@ -42,8 +42,10 @@ impl Join for PlanJoin {
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R> {
         let sample = self.map.next()?;
-        let pose = self.poses.at(sample.header());
         let frame = sample.header().frame;
+        let pose = self.poses.at(frame.seq);
+        reporter.input.late += u64::from(pose.is_none() && !sample.is_snapshot());
+        let pose = pose.unwrap_or_else(|| position_only(sample.header()));
         Some(process(PlanInput { map: sample.message(), pose: &pose }, &frame, reporter))
     }
 }
@@ -70,19 +72,22 @@ impl PoseQueue {
         Ok(())
     }
 
-    /// The pose of the map update's scan. For a snapshot older than the first pose here, the position in the map's header.
-    pub(super) fn at(&mut self, header: &MapHeader) -> PoseFrame {
-        while self.queue.front().is_some_and(|pose| pose.frame.seq < header.frame.seq) {
+    /// The pose of scan `seq`, where it has come; older ones are done with.
+    pub(super) fn at(&mut self, seq: u64) -> Option<PoseFrame> {
+        while self.queue.front().is_some_and(|pose| pose.frame.seq < seq) {
             self.queue.pop_front();
         }
-        match self.queue.front() {
-            Some(pose) if pose.frame.seq == header.frame.seq => *pose,
-            _ => PoseFrame {
-                frame: header.frame,
-                position: header.position,
-                orientation: [0.0, 0.0, 0.0, 1.0],
-                ..PoseFrame::default()
-            },
-        }
+        self.queue.front().copied().filter(|pose| pose.frame.seq == seq)
+    }
+}
+
+/// What the map's header says of a pose that did not come. No rotation is known, so there is none: the quaternion is zero
+/// and the state that of a lost odometry, so that nobody takes it for a measured pose.
+pub(super) fn position_only(header: &MapHeader) -> PoseFrame {
+    PoseFrame {
+        frame: header.frame,
+        position: header.position,
+        state: TrackingState::Lost as u32,
+        ..PoseFrame::default()
     }
 }

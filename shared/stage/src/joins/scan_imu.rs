@@ -17,10 +17,10 @@ pub type DeskewedScanWithImu = ScanImuJoin<ScanDeskewed, false>;
 
 /// IMU samples kept: 20 s at 200 Hz; a LiDAR that is silent for longer starts anew.
 const MAX_IMU: usize = 4096;
-/// Live: how long a scan waits for the IMU samples that cover it. Serial adapters batch up to 16 ms; ten times that is a fault.
-const IMU_PATIENCE_NS: i64 = 200_000_000;
-/// Lossless: how long a scan waits for a partner before the run is taken for broken.
-const LOSSLESS_PATIENCE_NS: i64 = 20_000_000_000;
+
+/// So many samples in a row from before the newest one are no stragglers: the sensor's clock was set back, or the newest
+/// one's stamp was wrong.
+const MAX_BEHIND: u32 = 40;
 
 /// Joins scans with the IMU samples that cover them and, if `PRIOR`, with the pose of the scan before.
 #[derive(Debug)]
@@ -32,6 +32,8 @@ pub struct ScanImuJoin<S: FrameService<Header = ScanHeader>, const PRIOR: bool> 
     held: VecDeque<(FrameSample<S>, i64)>,
     imu: Vec<ImuSample>,
     imu_ended: bool,
+    /// Samples in a row that were not later than the newest.
+    behind: u32,
     prior: Option<PoseFrame>,
     previous_end_ns: Option<i64>,
     scan_seq: SeqTracker,
@@ -64,6 +66,7 @@ where
             held: VecDeque::with_capacity(MAX_HELD + 1),
             imu: Vec::with_capacity(MAX_IMU),
             imu_ended: false,
+            behind: 0,
             prior: None,
             previous_end_ns: None,
             scan_seq: SeqTracker::default(),
@@ -81,8 +84,9 @@ where
         while let Some(scan) = self.scans.receive()? {
             let frame = scan.header().frame;
             reporter.received(frame.sent_ns);
-            let Some(gap) = self.scan_seq.gap(frame.seq) else { continue };
-            reporter.input.lost += gap;
+            if !self.scan_seq.count(frame.seq, &mut reporter.input) {
+                continue;
+            }
             self.held.push_back((scan, now_ns()));
             if self.held.len() > MAX_HELD {
                 self.held.pop_front();
@@ -105,8 +109,11 @@ where
         let frame = scan.header().frame;
         let covered = self.imu_ended || self.imu.last().is_some_and(|last| last.stamp_ns >= frame.end_ns);
         let complete = covered && self.prior_is_here(&frame);
-        if !(complete || waited_too_long) {
-            return None;
+        if !complete {
+            if !waited_too_long {
+                return None;
+            }
+            reporter.input.late += 1;
         }
         let (scan, _) = self.held.pop_front()?;
         let from_ns = self.previous_end_ns.map_or(i64::MIN, |end| end.min(frame.start_ns));
@@ -121,35 +128,43 @@ where
         };
         let result = process(input, &frame, reporter);
         self.previous_end_ns = Some(frame.end_ns);
-        self.imu.drain(..last_at_or_before(&self.imu, frame.end_ns));
+        // From this frame's start on, since the next one may overlap it.
+        self.imu.drain(..last_at_or_before(&self.imu, frame.start_ns.min(frame.end_ns)));
         Some(result)
     }
 
     fn deadline_ns(&self) -> Option<i64> {
-        let patience = if self.options.lossless { LOSSLESS_PATIENCE_NS } else { IMU_PATIENCE_NS };
-        self.held.front().map(|(_, received_ns)| received_ns + patience)
+        self.held.front().map(|(_, received_ns)| received_ns.saturating_add(self.options.patience_ns))
     }
 }
 
 impl<S: FrameService<Header = ScanHeader>, const PRIOR: bool> ScanImuJoin<S, PRIOR> {
     fn take_imu(&mut self, sample: ImuSample, reporter: &mut Reporter) {
-        if sample.flags & frame_flags::END_OF_STREAM != 0 {
-            self.imu_ended = true;
-            // The mark may come on the last sample itself or on a copy of it.
-            if self.imu.last().is_some_and(|last| sample.stamp_ns <= last.stamp_ns) {
+        let gap = self.imu_seq.gap(sample.seq);
+        reporter.input.imu_lost += gap.unwrap_or(0);
+        let mut rises = self.imu.last().is_none_or(|last| sample.stamp_ns > last.stamp_ns);
+        if gap.is_some() {
+            self.imu_ended = sample.flags & frame_flags::END_OF_STREAM != 0;
+            // The mark may come on the last sample itself, or on a copy of it that is no measurement of its own.
+            if self.imu_ended && (self.imu.is_empty() || !rises) {
                 return;
             }
         }
-        let Some(gap) = self.imu_seq.gap(sample.seq) else { return };
-        reporter.input.imu_lost += gap;
+        self.behind = if rises || gap.is_none() { 0 } else { self.behind + 1 };
+        if self.behind > MAX_BEHIND {
+            self.imu.clear();
+            (self.behind, self.previous_end_ns) = (0, None);
+            rises = true;
+        }
         let finite = sample.gyro.iter().chain(&sample.accel).all(|value| value.is_finite());
-        if !finite || self.imu.last().is_some_and(|last| sample.stamp_ns <= last.stamp_ns) {
+        if gap.is_none() || !rises || !finite {
             reporter.input.imu_rejected += 1;
             return;
         }
         if self.imu.len() == MAX_IMU {
             self.imu.drain(..MAX_IMU / 2);
-            reporter.input.imu_lost += (MAX_IMU / 2) as u64;
+            // Before the first scan they are of no use to anyone.
+            reporter.input.imu_lost += if self.previous_end_ns.is_some() { MAX_IMU as u64 / 2 } else { 0 };
         }
         self.imu.push(sample);
     }

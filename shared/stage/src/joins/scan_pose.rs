@@ -41,14 +41,16 @@ impl Join for ScanPoseJoin {
         // Poses first: a pose is published after its scan, so the scan of every pose taken here is here too.
         while let Some(pose) = self.poses.receive()? {
             reporter.received(pose.frame.sent_ns);
+            self.waiting.push_back(pose);
             if self.waiting.len() > MAX_HELD {
+                // Its scan is counted when a later pose passes it by.
                 self.waiting.pop_front();
             }
-            self.waiting.push_back(pose);
         }
         while let Some(scan) = self.scans.receive()? {
-            let Some(gap) = self.seq.gap(scan.header().frame.seq) else { continue };
-            reporter.input.lost += gap;
+            if !self.seq.count(scan.header().frame.seq, &mut reporter.input) {
+                continue;
+            }
             self.held.push_back(scan);
             if self.held.len() > MAX_HELD {
                 self.held.pop_front();

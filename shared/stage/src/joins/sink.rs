@@ -7,9 +7,12 @@ use evac_ports::services::{ScanDeskewed, TruthPose};
 use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RecordSubscriber};
 
 use super::map::MapStream;
-use super::plan::PoseQueue;
+use super::plan::{PoseQueue, position_only};
 use super::{Join, JoinOptions, MAX_HELD};
 use crate::{Reporter, SinkInput};
+
+/// True poses kept: they come first, ahead of the scan by the whole pipeline.
+const MAX_TRUTH: usize = 4 * MAX_HELD;
 
 /// Joins map updates with scan, pose and truth of the same sequence number.
 #[derive(Debug)]
@@ -38,7 +41,7 @@ impl Join for SinkJoin {
             scans,
             truth_port,
             held: VecDeque::with_capacity(MAX_HELD + 1),
-            truth: VecDeque::with_capacity(MAX_HELD + 1),
+            truth: VecDeque::with_capacity(MAX_TRUTH + 1),
         };
         Ok((join, listeners.into()))
     }
@@ -55,7 +58,7 @@ impl Join for SinkJoin {
         }
         while let Some(truth) = self.truth_port.receive()? {
             self.truth.push_back(truth);
-            if self.truth.len() > 4 * MAX_HELD {
+            if self.truth.len() > MAX_TRUTH {
                 self.truth.pop_front();
             }
         }
@@ -69,7 +72,7 @@ impl Join for SinkJoin {
     ) -> Option<R> {
         let sample = self.map.next()?;
         let frame = sample.header().frame;
-        let pose = self.poses.at(sample.header());
+        let pose = self.poses.at(frame.seq);
         while self.held.front().is_some_and(|scan| scan.header().frame.seq < frame.seq) {
             self.held.pop_front();
         }
@@ -78,9 +81,9 @@ impl Join for SinkJoin {
         }
         let has_scan = self.held.front().is_some_and(|scan| scan.header().frame.seq == frame.seq);
         let scan = if has_scan { self.held.pop_front() } else { None };
-        if scan.is_none() && !sample.is_snapshot() {
-            reporter.input.late += 1;
-        }
+        let is_whole = scan.is_some() && pose.is_some();
+        reporter.input.late += u64::from(!is_whole && !sample.is_snapshot());
+        let pose = pose.unwrap_or_else(|| position_only(sample.header()));
         let without_scan = ScanHeader { frame, ..ScanHeader::default() };
         let input = SinkInput {
             header: scan.as_ref().map_or(&without_scan, FrameSample::header),

@@ -1,0 +1,168 @@
+//! When a source's next event is due: in real time, or as soon as the sinks of a lossless run have kept up.
+
+use std::time::Duration;
+
+use evac_config::Pipeline;
+use evac_frames::{Ack, Health};
+use evac_ports::services::SinkAck;
+use evac_ports::{Bus, Listener, RecordSubscriber, now_ns};
+
+use crate::{Reporter, RunError, SensorEvent, StageError};
+
+/// Kinds of sinks, whose acknowledgements pace a lossless run.
+const SINK_KINDS: &[&str] = &["grid_exporter", "map_saver"];
+/// Scans under way in a lossless run: enough to keep every stage busy, few enough for every buffer.
+const WINDOW: u64 = 6;
+/// Lossless: a pipeline that acknowledges nothing for this long is broken.
+const PATIENCE: Duration = Duration::from_secs(60);
+/// Longest sleep, after which SIGTERM is looked for.
+const NAP_NS: i64 = 100_000_000;
+
+/// What is left to do after waiting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Next {
+    Go,
+    /// SIGTERM has come.
+    Stop,
+}
+
+/// When the next event is due.
+#[derive(Debug)]
+pub(crate) enum Pace {
+    RealTime { rate: f64, start: Option<(i64, i64)> },
+    Acknowledged(Box<Acks>),
+}
+
+impl Pace {
+    pub(crate) fn real_time(rate: f64) -> Self {
+        Self::RealTime { rate, start: None }
+    }
+
+    pub(crate) fn lossless(bus: &Bus, pipeline: Option<&Pipeline>) -> Result<Self, RunError> {
+        Ok(Self::Acknowledged(Box::new(Acks::open(bus, pipeline)?)))
+    }
+
+    /// Waits until `event` is due, the next scan being number `next_seq`.
+    pub(crate) fn wait(
+        &mut self,
+        event: &SensorEvent,
+        next_seq: u64,
+        bus: &Bus,
+        reporter: &mut Reporter,
+    ) -> Result<Next, RunError> {
+        match (self, event) {
+            (Self::RealTime { rate, start }, event) => {
+                let stamp_ns = match event {
+                    SensorEvent::Imu(sample) => sample.stamp_ns,
+                    SensorEvent::Scan(header) => header.frame.end_ns,
+                };
+                let (first_ns, started_ns) = *start.get_or_insert((stamp_ns, now_ns()));
+                let due_ns = started_ns + (stamp_ns.saturating_sub(first_ns) as f64 / *rate) as i64;
+                sleep_until(due_ns, bus, reporter)
+            }
+            (Self::Acknowledged(acks), SensorEvent::Scan(_)) => {
+                acks.wait_for(next_seq.checked_sub(WINDOW), false, bus, reporter)
+            }
+            // They go with the scans: between two there are few, and SIGTERM is looked for at each scan.
+            (Self::Acknowledged(_), SensorEvent::Imu(_)) => Ok(Next::Go),
+        }
+    }
+
+    /// Waits until what was published has been read: in real time nobody says so, and it stays until SIGTERM.
+    pub(crate) fn linger(&mut self, scans: u64, bus: &Bus, reporter: &mut Reporter) -> Result<(), RunError> {
+        match self {
+            Self::RealTime { .. } => sleep_until(i64::MAX, bus, reporter).map(|_| ()),
+            Self::Acknowledged(acks) => acks.wait_for(scans.checked_sub(1), true, bus, reporter).map(|_| ()),
+        }
+    }
+}
+
+/// Sleeps in pieces, so that SIGTERM is seen soon and reports go out.
+fn sleep_until(due_ns: i64, bus: &Bus, reporter: &mut Reporter) -> Result<Next, RunError> {
+    loop {
+        if bus.stop_requested() {
+            return Ok(Next::Stop);
+        }
+        reporter.report_if_due()?;
+        let left_ns = due_ns.saturating_sub(now_ns());
+        if left_ns <= 0 {
+            return Ok(Next::Go);
+        }
+        std::thread::sleep(Duration::from_nanos(left_ns.min(NAP_NS).unsigned_abs()));
+    }
+}
+
+/// How far the sinks of a lossless run are.
+#[derive(Debug)]
+pub(crate) struct Acks {
+    port: RecordSubscriber<SinkAck>,
+    listener: Listener,
+    sinks: Vec<Sink>,
+}
+
+#[derive(Debug)]
+struct Sink {
+    /// As it stands in its acknowledgements.
+    name: [u8; 24],
+    /// The first frame it is not done with.
+    next: u64,
+    /// Whether it has written everything.
+    finished: bool,
+}
+
+impl Acks {
+    fn open(bus: &Bus, pipeline: Option<&Pipeline>) -> Result<Self, RunError> {
+        let stages = pipeline.map_or(&[][..], |pipeline| &pipeline.stages);
+        let sinks: Vec<_> = stages
+            .iter()
+            .filter(|stage| SINK_KINDS.contains(&stage.kind.as_str()))
+            .map(|stage| Sink { name: Health::text(stage.name()), next: 0, finished: false })
+            .collect();
+        if sinks.is_empty() {
+            return Err(RunError::Stage(StageError::Config(format!(
+                "mode = \"lossless\" needs a sink that acknowledges frames; add one of: {}",
+                SINK_KINDS.join(", ")
+            ))));
+        }
+        let (port, listener) = RecordSubscriber::open(bus)?;
+        Ok(Self { port, listener, sinks })
+    }
+
+    /// Waits until every sink is done with frame `seq` and, if `finished`, has written everything.
+    fn wait_for(
+        &mut self,
+        seq: Option<u64>,
+        finished: bool,
+        bus: &Bus,
+        reporter: &mut Reporter,
+    ) -> Result<Next, RunError> {
+        let needed = seq.map_or(0, |seq| seq + 1);
+        let mut last_news = now_ns();
+        loop {
+            while let Some(ack) = self.port.receive()? {
+                last_news = now_ns();
+                self.take(&ack);
+            }
+            if bus.stop_requested() {
+                return Ok(Next::Stop);
+            }
+            let behind = |sink: &&Sink| sink.next < needed || (finished && !sink.finished);
+            let Some(slow) = self.sinks.iter().find(behind) else { return Ok(Next::Go) };
+            if now_ns() - last_news > PATIENCE.as_nanos() as i64 {
+                return Err(RunError::Peer(format!(
+                    "the sink '{}' has not acknowledged frame {} for {} s; look at `evac status` for the stage that stopped",
+                    Health::text_of(&slow.name),
+                    slow.next,
+                    PATIENCE.as_secs()
+                )));
+            }
+            self.listener.wait(Duration::from_nanos(reporter.report_if_due()?.unsigned_abs()))?;
+        }
+    }
+
+    fn take(&mut self, ack: &Ack) {
+        if let Some(sink) = self.sinks.iter_mut().find(|sink| sink.name == ack.name) {
+            (sink.next, sink.finished) = (ack.seq.saturating_add(1), ack.finished != 0);
+        }
+    }
+}

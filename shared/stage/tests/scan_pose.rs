@@ -1,0 +1,117 @@
+//! Deskewed scans with their poses, over real shared memory.
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod common;
+
+use common::{Bench, pose, publish_scan};
+use evac_ports::services::{OdometryPose, ScanDeskewed};
+use evac_ports::{FramePublisher, RecordPublisher};
+use evac_stage::joins::{JoinOptions, ScanPoseJoin};
+
+struct Setup {
+    bench: Bench,
+    scans: FramePublisher<ScanDeskewed>,
+    poses: RecordPublisher<OdometryPose>,
+}
+
+impl Setup {
+    fn new() -> Self {
+        let bench = Bench::new();
+        let (scans, poses) = (bench.frames(), bench.records());
+        Self { bench, scans, poses }
+    }
+
+    fn join(&self) -> ScanPoseJoin {
+        self.bench.join(JoinOptions::new(false, true))
+    }
+
+    fn scans(&self, seqs: impl IntoIterator<Item = u64>) {
+        seqs.into_iter().for_each(|seq| publish_scan(&self.scans, seq));
+    }
+
+    fn poses(&self, seqs: impl IntoIterator<Item = u64>) {
+        seqs.into_iter().for_each(|seq| self.poses.publish(&pose(seq)).unwrap());
+    }
+
+    /// Sequence numbers of what was handed on, each checked to be of one scan.
+    fn handle(&mut self, join: &mut ScanPoseJoin) -> Vec<u64> {
+        self.bench.handle(join, |input| {
+            let seq = input.header.frame.seq;
+            assert_eq!(input.pose.frame.seq, seq);
+            assert_eq!(input.pose.position[0], 0.1 * seq as f64);
+            assert_eq!(input.points[0].x as u64, seq);
+            seq
+        })
+    }
+}
+
+#[test]
+fn a_scan_waits_for_the_pose_of_its_own_number() {
+    let mut setup = Setup::new();
+    let mut join = setup.join();
+    setup.scans(0..3);
+    assert_eq!(setup.handle(&mut join), [0; 0]);
+    setup.poses(0..2);
+    assert_eq!(setup.handle(&mut join), [0, 1]);
+    setup.poses([2]);
+    assert_eq!(setup.handle(&mut join), [2]);
+    let input = setup.bench.reporter.input;
+    assert_eq!((input.lost, input.late), (0, 0));
+}
+
+#[test]
+fn a_scan_whose_pose_was_lost_is_counted_as_late_and_the_next_ones_are_handed_on() {
+    let mut setup = Setup::new();
+    let mut join = setup.join();
+    setup.scans(0..5);
+    setup.poses([0, 3, 4]);
+    assert_eq!(setup.handle(&mut join), [0, 3, 4]);
+    let input = setup.bench.reporter.input;
+    assert_eq!((input.lost, input.late), (0, 2));
+}
+
+#[test]
+fn a_lost_scan_is_counted_and_its_pose_is_done_with() {
+    let mut setup = Setup::new();
+    let mut join = setup.join();
+    setup.scans([0, 1, 4]);
+    setup.poses(0..5);
+    assert_eq!(setup.handle(&mut join), [0, 1, 4]);
+    let input = setup.bench.reporter.input;
+    assert_eq!((input.lost, input.late), (2, 0));
+}
+
+#[test]
+fn an_odometry_that_stops_leaves_scans_that_are_counted_and_block_nobody() {
+    let mut setup = Setup::new();
+    let mut join = setup.join();
+    for seq in 0..100 {
+        setup.scans([seq]);
+        assert_eq!(setup.handle(&mut join), [0; 0]);
+    }
+    // 20 are held.
+    assert_eq!(setup.bench.reporter.input.lost, 80);
+    setup.poses(90..100);
+    assert_eq!(setup.handle(&mut join), (90..100).collect::<Vec<_>>());
+    let input = setup.bench.reporter.input;
+    assert_eq!((input.lost, input.late), (80, 10));
+}
+
+#[test]
+fn a_reader_that_joins_late_gets_the_newest_sixteen_and_loses_nothing_from_there_on() {
+    let mut setup = Setup::new();
+    setup.scans(0..40);
+    // The odometry is three scans behind.
+    setup.poses(0..37);
+    let mut join = setup.join();
+    // A publisher hands its history over with its next frame.
+    setup.scans([40]);
+    setup.poses([37]);
+    let first = setup.handle(&mut join);
+    assert_eq!(first, (24..=37).collect::<Vec<_>>());
+    setup.scans(41..50);
+    setup.poses(38..50);
+    assert_eq!(setup.handle(&mut join), (38..50).collect::<Vec<_>>());
+    let input = setup.bench.reporter.input;
+    assert_eq!((input.lost, input.late), (0, 0));
+}
