@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use evac_stage::StageConfig;
+use evac_stage::{StageConfig, check_range};
 use serde::{Deserialize, Serialize};
 
 /// What the plan shows and where it goes. Heights are above the local ground.
@@ -75,10 +75,16 @@ impl Default for GridExporterConfig {
 impl StageConfig for GridExporterConfig {
     fn check(&self) -> Result<(), String> {
         let [low, high] = self.band_m;
-        range("publish_interval_s", self.publish_interval_s, 0.01, 3600.0, "1.0 publishes each second")?;
-        range("save_interval_s", self.save_interval_s, 0.0, 86_400.0, "0 saves at the end only")?;
-        range("band_m[0]", low, 0.0, 5.0, "0.2 lies above the noise of the ground")?;
-        range("band_m[1]", high, 0.0, 10.0, "1.8 is a person's height")?;
+        check_range(
+            "publish_interval_s",
+            self.publish_interval_s,
+            0.01,
+            3600.0,
+            "1.0 publishes each second",
+        )?;
+        check_range("save_interval_s", self.save_interval_s, 0.0, 86_400.0, "0 saves at the end only")?;
+        check_range("band_m[0]", low, 0.0, 5.0, "0.2 lies above the noise of the ground")?;
+        check_range("band_m[1]", high, 0.0, 10.0, "1.8 is a person's height")?;
         if low >= high {
             return Err(format!(
                 "band_m = [{low}, {high}] is empty; give the lower end first, as in [0.2, 1.8]"
@@ -86,22 +92,27 @@ impl StageConfig for GridExporterConfig {
         }
         count("min_occupied_voxels", self.min_occupied_voxels, 1, 100)?;
         count("min_free_voxels", self.min_free_voxels, 1, 100)?;
-        range("occupied_probability", self.occupied_probability, 0.01, 0.99, "0.5 is OctoMap's")?;
-        range("seen_down_to_m", self.seen_down_to_m, low, high, "0.5 is lower than a table; within band_m")?;
-        range("min_gap_m", self.min_gap_m, 0.0, 1.0, "0.3 is too narrow for anyone, 0 closes none")?;
-        range("sensor_height_m", self.sensor_height_m, 0.0, 10.0, "measure from the ground to the LiDAR")?;
-        range("max_step_m", self.max_step_m, 0.05, 2.0, "0.4 passes stairs and keeps platforms apart")?;
-        range("margin_m", self.margin_m, 0.0, 100.0, "0.5 leaves a border of unknown")?;
+        check_range("occupied_probability", self.occupied_probability, 0.01, 0.99, "0.5 is OctoMap's")?;
+        check_range(
+            "seen_down_to_m",
+            self.seen_down_to_m,
+            low,
+            high,
+            "0.5 is lower than a table; within band_m",
+        )?;
+        check_range("min_gap_m", self.min_gap_m, 0.0, 1.0, "0.3 is too narrow for anyone, 0 closes none")?;
+        check_range(
+            "sensor_height_m",
+            self.sensor_height_m,
+            0.0,
+            10.0,
+            "measure from the ground to the LiDAR",
+        )?;
+        check_range("max_step_m", self.max_step_m, 0.05, 2.0, "0.4 passes stairs and keeps platforms apart")?;
+        check_range("margin_m", self.margin_m, 0.0, 100.0, "0.5 leaves a border of unknown")?;
         count("max_side_cells", self.max_side_cells, 64, 16_384)?;
         count("max_memory_mib", self.max_memory_mib, 1, 65_536)
     }
-}
-
-fn range(key: &str, value: f64, low: f64, high: f64, hint: &str) -> Result<(), String> {
-    if (low..=high).contains(&value) {
-        return Ok(());
-    }
-    Err(format!("{key} = {value} is outside {low} to {high}; {hint}"))
 }
 
 fn count(key: &str, value: u32, low: u32, high: u32) -> Result<(), String> {

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use evac_stage::StageConfig;
+use evac_stage::{StageConfig, check_range};
 use serde::{Deserialize, Serialize};
 
 /// Where files go and how much is kept.
@@ -45,9 +45,15 @@ impl Default for MapSaverConfig {
 
 impl StageConfig for MapSaverConfig {
     fn check(&self) -> Result<(), String> {
-        range("save_interval_s", self.save_interval_s, 0.0, 86_400.0, "0 saves at the end only")?;
-        range("cloud_voxel_m", self.cloud_voxel_m, 0.001, 10.0, "0.05 is a little over a Mid-40's noise")?;
-        range("occupied_probability", self.occupied_probability, 0.01, 0.99, "0.5 is OctoMap's")?;
+        check_range("save_interval_s", self.save_interval_s, 0.0, 86_400.0, "0 saves at the end only")?;
+        check_range(
+            "cloud_voxel_m",
+            self.cloud_voxel_m,
+            0.001,
+            10.0,
+            "0.05 is a little over a Mid-40's noise",
+        )?;
+        check_range("occupied_probability", self.occupied_probability, 0.01, 0.99, "0.5 is OctoMap's")?;
         for (key, value) in [
             ("max_cloud_points", self.max_cloud_points),
             ("max_poses", self.max_poses),
@@ -61,13 +67,6 @@ impl StageConfig for MapSaverConfig {
         }
         Ok(())
     }
-}
-
-fn range(key: &str, value: f64, low: f64, high: f64, hint: &str) -> Result<(), String> {
-    if (low..=high).contains(&value) {
-        return Ok(());
-    }
-    Err(format!("{key} = {value} is outside {low} to {high}; {hint}"))
 }
 
 #[cfg(test)]

@@ -1,13 +1,5 @@
 //! Sentences about values that do not fit.
 
-/// Refuses a value outside `low..=high` (NaN included).
-pub(crate) fn within(key: &str, value: f64, low: f64, high: f64, hint: &str) -> Result<(), String> {
-    if (low..=high).contains(&value) {
-        return Ok(());
-    }
-    Err(format!("{key} = {value} must lie between {low} and {high}; {hint}"))
-}
-
 /// Refuses what is not a positive finite number.
 pub(crate) fn positive(key: &str, value: f64, hint: &str) -> Result<(), String> {
     if value > 0.0 && value.is_finite() {

@@ -1,10 +1,9 @@
 //! The mapper's configuration: every default with its unit and reason.
 
 use evac_octree::{MapConfig, Probabilities, SensorModel};
-use evac_stage::StageConfig;
+use evac_stage::{StageConfig, check_range};
 use serde::{Deserialize, Serialize};
 
-use crate::check::within;
 use crate::{BoundsConfig, GroundConfig, OutlierConfig};
 
 /// Configuration of the octree mapper.
@@ -65,8 +64,8 @@ impl OctreeMapperConfig {
 
 impl StageConfig for OctreeMapperConfig {
     fn check(&self) -> Result<(), String> {
-        within("resolution_m", self.resolution_m, 0.01, 10.0, "0.05 to 0.4 m suit buildings")?;
-        within("max_range_m", self.max_range_m, 1.0, 500.0, "30 m suits a Mid-40 indoors")?;
+        check_range("resolution_m", self.resolution_m, 0.01, 10.0, "0.05 to 0.4 m suit buildings")?;
+        check_range("max_range_m", self.max_range_m, 1.0, 500.0, "30 m suits a Mid-40 indoors")?;
         if self.max_bricks == 0 {
             return Err("max_bricks = 0 leaves no room for a map; give at least 1, for example 262144".into());
         }
@@ -131,9 +130,27 @@ impl Default for KeyFrameConfig {
 
 impl KeyFrameConfig {
     fn check(&self) -> Result<(), String> {
-        within("key_frames.distance_m", self.distance_m, 0.0, 100.0, "0 takes every scan, 0.25 m is usual")?;
-        within("key_frames.angle_deg", self.angle_deg, 0.0, 180.0, "0 takes every scan, 8 degrees is usual")?;
-        within("key_frames.interval_s", self.interval_s, 0.0, 3600.0, "0 takes every scan, 0.5 s is usual")
+        check_range(
+            "key_frames.distance_m",
+            self.distance_m,
+            0.0,
+            100.0,
+            "0 takes every scan, 0.25 m is usual",
+        )?;
+        check_range(
+            "key_frames.angle_deg",
+            self.angle_deg,
+            0.0,
+            180.0,
+            "0 takes every scan, 8 degrees is usual",
+        )?;
+        check_range(
+            "key_frames.interval_s",
+            self.interval_s,
+            0.0,
+            3600.0,
+            "0 takes every scan, 0.5 s is usual",
+        )
     }
 }
 

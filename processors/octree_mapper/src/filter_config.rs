@@ -1,8 +1,9 @@
 //! Configuration of the three filters (paper section 3.1): every default with its unit and reason.
 
+use evac_stage::check_range;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{positive, range, within};
+use crate::check::{positive, range};
 
 /// `outliers`: a point goes when fewer than `min_neighbours` others lie within `radius_m + radius_per_m * range`.
 ///
@@ -31,8 +32,8 @@ impl Default for OutlierConfig {
 
 impl OutlierConfig {
     pub(crate) fn check(&self) -> Result<(), String> {
-        within("outliers.radius_m", self.radius_m, 0.001, 10.0, "0.05 m suits 2 cm of range noise")?;
-        within("outliers.radius_per_m", self.radius_per_m, 0.0, 0.2, "0.025 suits a Mid-40")?;
+        check_range("outliers.radius_m", self.radius_m, 0.001, 10.0, "0.05 m suits 2 cm of range noise")?;
+        check_range("outliers.radius_per_m", self.radius_per_m, 0.0, 0.2, "0.025 suits a Mid-40")?;
         if self.min_neighbours == 0 && self.enabled {
             return Err(
                 "outliers.min_neighbours = 0 removes nothing; set outliers.enabled = false instead".into()
@@ -73,8 +74,8 @@ impl BoundsConfig {
                 range(name, limits)?;
             }
         }
-        within("bounds.min_range_m", self.min_range_m, 0.0, 100.0, "0.5 m hides the walker's own body")?;
-        within("bounds.max_range_m", self.max_range_m, 0.0, 1000.0, "100 m suits a Mid-40")?;
+        check_range("bounds.min_range_m", self.min_range_m, 0.0, 100.0, "0.5 m hides the walker's own body")?;
+        check_range("bounds.max_range_m", self.max_range_m, 0.0, 1000.0, "100 m suits a Mid-40")?;
         if self.min_range_m >= self.max_range_m {
             return Err(format!(
                 "bounds.min_range_m = {} must be less than bounds.max_range_m = {}",
@@ -146,7 +147,13 @@ impl GroundConfig {
     /// One sentence naming the key, its value, the allowed range and what to try.
     pub fn check(&self) -> Result<(), String> {
         positive("ground.cell_m", self.cell_m, "0.25 m suits a Mid-40")?;
-        within("ground.max_tilt_deg", self.max_tilt_deg, 0.1, 60.0, "10 degrees covers wheelchair ramps")?;
+        check_range(
+            "ground.max_tilt_deg",
+            self.max_tilt_deg,
+            0.1,
+            60.0,
+            "10 degrees covers wheelchair ramps",
+        )?;
         positive("ground.min_extent_m", self.min_extent_m, "0.9 m is narrower than a corridor")?;
         positive("ground.thickness_m", self.thickness_m, "0.08 m suits 2 cm of range noise")?;
         positive("ground.step_m", self.step_m, "0.05 m is a kerb")?;
@@ -159,6 +166,12 @@ impl GroundConfig {
         range("ground.below_sensor_m", self.below_sensor_m)?;
         positive("ground.headroom_m", self.headroom_m, "1.8 m is the height of a door")?;
         range("ground.furniture_height_m", self.furniture_height_m)?;
-        within("ground.furniture_extent_m", self.furniture_extent_m, 0.0, 100.0, "0 switches the test off")
+        check_range(
+            "ground.furniture_extent_m",
+            self.furniture_extent_m,
+            0.0,
+            100.0,
+            "0 switches the test off",
+        )
     }
 }

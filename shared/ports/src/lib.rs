@@ -1,7 +1,7 @@
 //! Shared-memory services between evac's processes; the only crate that names iceoryx2.
 //!
 //! A [`Bus`] is one process's connection to a [`Domain`]. Every data service has an event service of the same name for
-//! wake-ups: publish, notify, block, drain. All quality-of-service numbers are in [`services`](crate::services).
+//! wake-ups: publish, notify, block, drain. All quality-of-service numbers are in [`services`].
 
 mod bus;
 mod clock;

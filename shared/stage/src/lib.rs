@@ -12,6 +12,7 @@
 //! The run loop adds ports, wake-up, the joining of streams, SIGTERM, health with latency histograms, acknowledgement in
 //! lossless mode, `--config`, `--print-config`, `--check` and exit codes.
 
+mod check;
 mod exit;
 mod health;
 mod input;
@@ -25,6 +26,7 @@ mod run_stage;
 mod source;
 mod stage;
 
+pub use check::check_range;
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
 pub use health::{InputCounters, Reporter};

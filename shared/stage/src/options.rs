@@ -11,7 +11,7 @@ use crate::{LogOptions, RunError, StageConfig};
 /// Command line of a stage.
 #[derive(Debug, Clone, Args)]
 pub struct RunOptions {
-    /// Pipeline file that has this stage's [[stage]] table, the rig and the mode [default: built-in defaults, live]
+    /// Pipeline file with this stage's table, the rig and the mode [default: built-in defaults, live mode]
     #[arg(long, value_name = "PIPELINE.toml")]
     pub config: Option<PathBuf>,
     /// Name of this instance in the pipeline file [default: the stage's kind]
