@@ -148,6 +148,8 @@ fn a_stage_that_is_slower_than_its_input_ends_on_sigterm_all_the_same() {
         assert!(started.elapsed() < WATCHDOG, "the watchdog ended the wait for the stage to end");
         send(seq);
         seq += 1;
+        // Some frames for each that is mapped, so that there is always a next one, whole.
+        std::thread::sleep(Duration::from_millis(2));
         let overrun = std::iter::from_fn(|| line.health.receive().unwrap()).any(|health| health.lost > 0);
         if overrun && !told {
             stage.signal(Signal::TERM);

@@ -61,7 +61,8 @@ frame! {
         pub last_seq: u64,
         /// From a frame's hand-over by the writer to its receipt here.
         pub ipc: LatencySummary,
-        /// From receipt of the last needed input to hand-over of the output.
+        /// From taking up a frame with all its partners to hand-over of the output; time spent behind the frame before is
+        /// in `end_to_end` only.
         pub compute: LatencySummary,
         /// From the arrival of the frame's last byte on the host to hand-over of the output.
         pub end_to_end: LatencySummary,
