@@ -61,18 +61,7 @@ fn the_real_mid40_hall_converts_and_octomap_reads_it() {
 
 #[test]
 fn the_station_cloud_converts_and_octomap_reads_it() {
-    let Some(packed) = evac_testkit::data("simulated/station/station.pcd.xz") else { return };
-    let bench = Bench::new();
-    let cloud = bench.path("station.pcd");
-    let unpacked = std::process::Command::new("xz")
-        .arg("-dc")
-        .arg(packed)
-        .stdout(std::fs::File::create(&cloud).unwrap())
-        .status();
-    match unpacked {
-        Ok(status) => assert!(status.success()),
-        Err(cause) => return println!("skipped: xz: {cause}"),
-    }
+    let Some(cloud) = evac_testkit::unpacked("simulated/station/station.pcd") else { return };
     convert(&cloud, false);
     convert(&cloud, true);
 }

@@ -3,26 +3,10 @@
 
 mod common;
 
-use std::fs::File;
 use std::path::Path;
-use std::process::Command;
 
 use common::{Bench, Ended};
 use serde_json::Value;
-
-fn unpack(from: &Path, to: &Path) -> Option<()> {
-    let done = Command::new("xz").arg("-dc").arg(from).stdout(File::create(to).unwrap()).status();
-    match done {
-        Ok(status) => {
-            assert!(status.success(), "{}", from.display());
-            Some(())
-        }
-        Err(cause) => {
-            println!("skipped: xz: {cause}");
-            None
-        }
-    }
-}
 
 /// The rig file of a walk's meta.json.
 fn rig(meta: &Path) -> String {
@@ -62,19 +46,19 @@ fn assert_same(bench: &Bench, a: &str, b: &str) {
 
 fn walk(name: &str, frames: usize, max_end_percent: f64) {
     let Some(folder) = evac_testkit::data(&format!("simulated/{name}")) else { return };
+    let file = |name: &str| evac_testkit::unpacked(&format!("simulated/{name}"));
+    let (Some(lidar), Some(imu)) = (file(&format!("{name}/lidar.pcap")), file(&format!("{name}/wt901c.bin")))
+    else {
+        return;
+    };
     let bench = Bench::new();
-    for (from, to) in [("lidar.pcap.xz", "lidar.pcap"), ("wt901c.bin.xz", "wt901c.bin")] {
-        if unpack(&folder.join(from), &bench.path(to)).is_none() {
-            return;
-        }
-    }
     bench.write("rig.toml", rig(&folder.join("meta.json")));
     let truth = folder.join("gt.tum");
     let args = [
         "--lidar",
-        "lidar.pcap",
+        lidar.to_str().unwrap(),
         "--imu",
-        "wt901c.bin",
+        imu.to_str().unwrap(),
         "--rig",
         "rig.toml",
         "--truth",

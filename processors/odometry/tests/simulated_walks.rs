@@ -4,8 +4,7 @@
 mod common;
 
 use std::fs::File;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::path::Path;
 
 use common::{Figures, Pipeline, print};
 use evac_config::ImuFromLidar;
@@ -31,12 +30,8 @@ fn the_shaken_walk_ends_within_three_percent() {
 
 fn assert_walk(name: &str, percent: f64) {
     let Some(folder) = evac_testkit::data(&format!("simulated/{name}")) else { return };
-    let scratch = tempfile::tempdir().unwrap();
-    let (Some(lidar), Some(imu)) =
-        (unpacked(&folder, "lidar.pcap", scratch.path()), unpacked(&folder, "wt901c.bin", scratch.path()))
-    else {
-        return;
-    };
+    let file = |file: &str| evac_testkit::unpacked(&format!("simulated/{name}/{file}"));
+    let (Some(lidar), Some(imu)) = (file("lidar.pcap"), file("wt901c.bin")) else { return };
     let rig = rig_of(&folder);
     let config = evac_replay::Config { lidar: Some(lidar), imu: Some(imu), ..Default::default() };
     let pipeline = run(config, &rig);
@@ -93,21 +88,4 @@ fn rig_of(folder: &Path) -> Rig {
     let [x, y, z, yaw, pitch, roll] =
         [0, 1, 2, 3, 4, 5].map(|i| meta["T_imu_lidar_xyz_ypr"][i].as_f64().unwrap());
     Rig { imu_from_lidar: ImuFromLidar { translation_m: [x, y, z], roll_pitch_yaw_deg: [roll, pitch, yaw] } }
-}
-
-/// Unpacks `name.xz` with the system's xz; prints why the test is skipped where there is none.
-fn unpacked(folder: &Path, name: &str, scratch: &Path) -> Option<PathBuf> {
-    let path = scratch.join(name);
-    let status = Command::new("xz")
-        .arg("-dc")
-        .arg(folder.join(format!("{name}.xz")))
-        .stdout(Stdio::from(File::create(&path).unwrap()))
-        .status();
-    match status {
-        Ok(status) if status.success() => Some(path),
-        other => {
-            println!("skipped: cannot unpack {name}.xz with xz ({other:?})");
-            None
-        }
-    }
 }

@@ -7,7 +7,7 @@ mod common;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::{bag, error_of, open, tell, unpacked, walk};
+use common::{bag, error_of, open, tell, walk};
 use evac_formats::livox_sdk1::{CartesianMm, DATAGRAM_SHOTS, encode_cartesian, encode_imu};
 use evac_formats::pcap::PcapWriter;
 use evac_formats::wt901c::{encode_accel, encode_gyro};
@@ -310,7 +310,10 @@ fn topics_that_a_bag_does_not_have_are_answered_with_those_it_has() {
 
 #[test]
 fn the_real_walks_cut_in_the_middle_are_refused() {
-    let (Some(good), Some(lidar)) = (walk("shake"), unpacked("shake", "lidar.pcap")) else { return };
+    let (Some(good), Some(lidar)) = (walk("shake"), evac_testkit::unpacked("simulated/shake/lidar.pcap"))
+    else {
+        return;
+    };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("half.pcap");
     let bytes = fs::read(lidar).unwrap();

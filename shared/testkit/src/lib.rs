@@ -4,4 +4,4 @@ mod allocations;
 mod data;
 
 pub use allocations::{CountingAllocator, count_allocations};
-pub use data::data;
+pub use data::{data, unpacked};

@@ -8,38 +8,15 @@
 
 pub(crate) mod bag;
 
-use std::fs::{self, File};
-use std::path::{Path, PathBuf};
-use std::process::Command;
-
 use evac_frames::{ImuSample, Point, ScanHeader};
 use evac_replay::{Config, Replay};
 use evac_stage::{Counters, Rig, SensorEvent, Source};
 
-/// A file of a simulated walk, unpacked once into the build's folder; `None` (and a line) where it cannot be had.
-pub(crate) fn unpacked(walk: &str, file: &str) -> Option<PathBuf> {
-    let packed = evac_testkit::data(&format!("simulated/{walk}/{file}.xz"))?;
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("walks").join(walk);
-    let path = folder.join(file);
-    if path.exists() {
-        return Some(path);
-    }
-    fs::create_dir_all(&folder).unwrap();
-    let part = folder.join(format!("{file}.{}.part", std::process::id()));
-    let status = Command::new("xz").arg("-dc").arg(&packed).stdout(File::create(&part).unwrap()).status();
-    if !status.is_ok_and(|status| status.success()) {
-        println!("skipped: no xz to unpack {walk}/{file}");
-        return None;
-    }
-    fs::rename(part, &path).unwrap();
-    Some(path)
-}
-
 /// A simulated walk's capture and byte log.
 pub(crate) fn walk(name: &str) -> Option<Config> {
     Some(Config {
-        lidar: Some(unpacked(name, "lidar.pcap")?),
-        imu: Some(unpacked(name, "wt901c.bin")?),
+        lidar: Some(evac_testkit::unpacked(&format!("simulated/{name}/lidar.pcap"))?),
+        imu: Some(evac_testkit::unpacked(&format!("simulated/{name}/wt901c.bin"))?),
         ..Config::default()
     })
 }
