@@ -122,3 +122,25 @@ fn a_stage_that_dies_ends_the_pipeline_with_its_name() {
     assert_gone(&pids(&status));
     assert_eq!(bench.leftovers(), Vec::<String>::new());
 }
+
+#[test]
+fn the_robot_s_boot_script_starts_a_pipeline_and_sigterm_ends_it() {
+    let bench = Bench::new();
+    let file = pipeline(&bench);
+    let robot = |file: &str| {
+        let mut command = std::process::Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/launch/robot.sh"));
+        command.arg(file).env("EVAC", env!("CARGO_BIN_EXE_evac"));
+        Running::start(command)
+    };
+    let running = robot(&file);
+    let pids = pids(&running_status(&bench, &file));
+    running.signal(Signal::TERM);
+    running.end().expect_success();
+    assert_gone(&pids);
+    assert_eq!(bench.leftovers(), Vec::<String>::new());
+
+    // What cannot work is said once instead of being started for ever.
+    let wrong = bench.write("wrong.toml", "mode = \"slow\"");
+    let ended = robot(wrong.to_str().unwrap()).end();
+    assert_eq!(ended.code, 3, "{}", ended.stderr);
+}
