@@ -52,7 +52,7 @@ pub(crate) fn write(
     let end_to_end = board.get("lio").map(|health| latency_json(health)["end_to_end"].clone());
     let summary = json!({
         "evac": env!("CARGO_PKG_VERSION"),
-        "iceoryx2": "0.10.0",
+        "middleware": evac_ports::MIDDLEWARE,
         "command": run.command,
         "input": run.about,
         "frames": trajectory.len(),

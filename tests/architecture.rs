@@ -39,6 +39,12 @@ fn dependencies_point_one_way_and_only_ports_names_the_middleware() {
         let normal = package["dependencies"].as_array().unwrap().iter().filter(|d| d["kind"].is_null());
         let names: Vec<_> = normal.map(|d| d["name"].as_str().unwrap().to_owned()).collect();
         assert_eq!(names.iter().any(|d| d == "iceoryx2"), name == "evac-ports", "{name}");
+        for dependency in
+            package["dependencies"].as_array().unwrap().iter().filter(|d| d["name"] == "iceoryx2")
+        {
+            let version = dependency["req"].as_str().unwrap().trim_start_matches('=');
+            assert_eq!(evac_ports::MIDDLEWARE, format!("iceoryx2 {version}"));
+        }
         seen.insert(name.to_owned(), names);
     }
     assert!(seen.len() >= 14);

@@ -3,6 +3,9 @@
 //! A [`Bus`] is one process's connection to a [`Domain`]. Every data service has an event service of the same name for
 //! wake-ups: publish, notify, block, drain. All quality-of-service numbers are in [`services`].
 
+/// The middleware and its version: all processes of a domain must be built with the same one.
+pub const MIDDLEWARE: &str = "iceoryx2 0.10.0";
+
 mod bus;
 mod clock;
 mod domain;
