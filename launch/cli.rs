@@ -46,6 +46,8 @@ pub(crate) enum Command {
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
     Convert(ConvertArgs),
+    /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
+    Experiment(crate::experiment::ExperimentArgs),
 }
 
 const MAP_HELP: &str = "Recordings:\n  \

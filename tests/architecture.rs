@@ -21,6 +21,17 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-simulator" | "evac-replay" | "evac-grid-exporter" | "evac-map-saver" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-stage"]
         }
+        "evac-experiments" => &[
+            "evac-config",
+            "evac-deskewer",
+            "evac-formats",
+            "evac-frames",
+            "evac-geometry",
+            "evac-odometry",
+            "evac-replay",
+            "evac-simulator",
+            "evac-stage",
+        ],
         other => unreachable!("{other} is new: say here what it may depend on"),
     }
 }

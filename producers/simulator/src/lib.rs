@@ -21,6 +21,7 @@ mod wt901c;
 
 pub use config::{Config, WorldKind};
 pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, direction};
+pub use random::Random;
 pub use source::Simulator;
 pub use walk::{FRAME_NS, Frame, Frames, Walk, simulate};
 pub use wt901c::SAMPLE_NS;

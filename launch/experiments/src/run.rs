@@ -1,0 +1,140 @@
+//! Deskewer and odometry over a walk, in one process, as the lossless pipeline runs them.
+
+use std::time::Instant;
+
+use evac_deskewer::Deskewer;
+use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader, frame_flags};
+use evac_geometry::nalgebra::Isometry3;
+use evac_odometry::Lio;
+use evac_stage::{Counters, PoseOutput, Rig, ScanOutput, ScanWithImu, Stage, StageError};
+
+use crate::settings::OdometryKind;
+use crate::{Settings, Walk};
+
+/// What came out for one frame.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameResult {
+    /// What the odometry published.
+    pub pose: PoseFrame,
+    /// True pose of the LiDAR at the frame's end.
+    pub truth: Isometry3<f64>,
+    /// Time that the deskewer took, milliseconds.
+    pub deskewer_ms: f64,
+    /// Time that the odometry took, milliseconds.
+    pub odometry_ms: f64,
+}
+
+/// A whole run.
+#[derive(Debug, Clone, Default)]
+pub struct Trajectory {
+    /// One for each frame up to the end or to where a stage gave up.
+    pub frames: Vec<FrameResult>,
+    /// What the stage said that refused to go on.
+    pub refused: Option<String>,
+    /// What the odometry counted, for people.
+    pub diagnostics: String,
+}
+
+/// Runs a walk with the rig that it names.
+pub fn run(walk: &Walk, settings: &Settings) -> Trajectory {
+    match settings.odometry {
+        OdometryKind::Lio => {
+            run_stage::<Lio>(walk, settings, settings.lio, |lio| format!("{:?}", lio.diagnostics()))
+        }
+    }
+}
+
+fn run_stage<S>(
+    walk: &Walk,
+    settings: &Settings,
+    config: S::Config,
+    diagnostics: impl Fn(&S) -> String,
+) -> Trajectory
+where
+    S: for<'a> Stage<Input<'a> = ScanWithImu<'a>, Output = PoseOutput>,
+{
+    let mut trajectory =
+        Trajectory { frames: Vec::with_capacity(walk.frames.len()), ..Trajectory::default() };
+    match Pipeline::<S>::new(settings, config, &walk.rig) {
+        Ok(mut pipeline) => {
+            for frame in &walk.frames {
+                match pipeline.feed(&frame.header, &frame.points, &frame.imu) {
+                    Ok((pose, deskewer_ms, odometry_ms)) => trajectory.frames.push(FrameResult {
+                        pose,
+                        truth: frame.truth,
+                        deskewer_ms,
+                        odometry_ms,
+                    }),
+                    Err(cause) => {
+                        trajectory.refused = Some(cause.to_string());
+                        break;
+                    }
+                }
+            }
+            trajectory.diagnostics = diagnostics(&pipeline.odometry);
+        }
+        Err(cause) => trajectory.refused = Some(cause.to_string()),
+    }
+    trajectory
+}
+
+struct Pipeline<S> {
+    deskewer: Option<Deskewer>,
+    odometry: S,
+    scans: ScanOutput,
+    poses: PoseOutput,
+}
+
+impl<S> Pipeline<S>
+where
+    S: for<'a> Stage<Input<'a> = ScanWithImu<'a>, Output = PoseOutput>,
+{
+    fn new(settings: &Settings, config: S::Config, rig: &Rig) -> Result<Self, StageError> {
+        let deskewer = match settings.raw_scans {
+            true => None,
+            false => Some(Deskewer::new(settings.deskewer.clone(), rig)?),
+        };
+        Ok(Self {
+            deskewer,
+            odometry: S::new(config, rig)?,
+            scans: ScanOutput::newest_only(),
+            poses: PoseOutput::newest_only(),
+        })
+    }
+
+    /// One frame in, its pose and the milliseconds of both stages out.
+    fn feed(
+        &mut self,
+        header: &ScanHeader,
+        points: &[Point],
+        imu: &[ImuSample],
+    ) -> Result<(PoseFrame, f64, f64), StageError> {
+        let prior = self.poses.memory.last().copied();
+        // The run loop waits for cover; after the stream's last sample there is nothing to wait for.
+        let imu_covers = imu.last().is_some_and(|last| {
+            last.stamp_ns >= header.frame.end_ns || last.flags & frame_flags::END_OF_STREAM != 0
+        });
+        let input = ScanWithImu { header, points, imu, imu_covers, prior: prior.as_ref() };
+        let started = Instant::now();
+        let deskewed = match &mut self.deskewer {
+            Some(deskewer) => {
+                deskewer.process(input, &mut self.scans, &mut Counters::default())?;
+                self.scans.memory.last()
+            }
+            None => None,
+        };
+        let deskewer_ms = milliseconds(started);
+        let (header, points) =
+            deskewed.map_or((header, points), |(header, points)| (header, points.as_slice()));
+        let input = ScanWithImu { header, points, imu, imu_covers, prior: None };
+        let started = Instant::now();
+        self.odometry.process(input, &mut self.poses, &mut Counters::default())?;
+        let odometry_ms = milliseconds(started);
+        let pose = self.poses.memory.last().copied().unwrap_or_default();
+        Ok((pose, deskewer_ms, odometry_ms))
+    }
+}
+
+fn milliseconds(since: Instant) -> f64 {
+    since.elapsed().as_secs_f64() * 1e3
+}
