@@ -143,7 +143,7 @@ fn boxes() -> Vec<Line> {
 }
 
 fn rough() -> Vec<Line> {
-    use WorldKind::{FloorPlan, Rough};
+    use WorldKind::{FloorPlan, Rough, Tunnel};
     vec![
         Line::new("cellar_11", Rough, 11, 201).mounted([1.0, -0.5, 2.0], [0.05, -0.02, 0.06]),
         Line::new("cellar_12", Rough, 12, 202)
@@ -155,6 +155,13 @@ fn rough() -> Vec<Line> {
             .moved(1.0, 1.1, 95.0)
             .mounted([0.5, 5.0, 1.0], [0.0, 0.1, -0.05])
             .roughened(0.025)
+            .open_gyro(),
+        Line::new("tunnel_1", Tunnel, 1, 205)
+            .moved(1.2, 1.1, 90.0)
+            .mounted([2.0, 1.0, 0.0], [0.05, 0.05, 0.05]),
+        Line::new("tunnel_2", Tunnel, 2, 206)
+            .moved(0.6, 1.3, 120.0)
+            .mounted([0.0, -3.0, 4.0], [0.0, -0.1, 0.1])
             .open_gyro(),
     ]
 }

@@ -21,13 +21,16 @@ pub enum WorldKind {
     FloorPlan,
     /// A cellar of quarry stone and broken plaster, drawn from `building`, with barrels, props, pipes and rubble.
     Rough,
+    /// A tunnel of round bores through rock, drawn from `building`, with bends of 40 to 95 degrees, domed chambers, niches,
+    /// pipes and rails.
+    Tunnel,
 }
 
 impl WorldKind {
     /// Roughness of the world where the configuration does not say, metres.
     fn roughness_m(self) -> f64 {
         match self {
-            Self::Rough => 0.02,
+            Self::Rough | Self::Tunnel => 0.02,
             _ => 0.0,
         }
     }

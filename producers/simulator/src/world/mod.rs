@@ -2,7 +2,9 @@
 
 mod build;
 mod bvh;
+mod cavern;
 mod corridor;
+mod fitter;
 mod floor_plan;
 mod furniture;
 mod hall;
@@ -15,6 +17,7 @@ mod shape;
 mod solid;
 mod stairwell;
 mod tour;
+mod tunnel;
 
 pub(crate) use material::Material;
 pub(crate) use ray::Ray;
@@ -24,6 +27,7 @@ use crate::config::{Config, WorldKind};
 use crate::trajectory::Route;
 use build::Site;
 use bvh::Bvh;
+use cavern::Cavern;
 use floor_plan::Style;
 use people::Person;
 use solid::Solid;
@@ -33,6 +37,7 @@ use tour::Tour;
 #[derive(Debug, Clone)]
 pub(crate) struct World {
     bvh: Bvh,
+    cavern: Option<Cavern>,
     people: Vec<Person>,
 }
 
@@ -48,13 +53,18 @@ impl World {
             WorldKind::Stairwell => (stairwell::build(), stairwell::route(start)),
             WorldKind::FloorPlan => toured(floor_plan::build(config.building, Style::Basement), start),
             WorldKind::Rough => toured(floor_plan::build(config.building, Style::Cellar), start),
+            WorldKind::Tunnel => toured(tunnel::build(config.building), start),
         };
         (Self::new(site, config.roughness(), config.building), route)
     }
 
     fn new(site: Site, roughness_m: f64, seed: u64) -> Self {
         let rough = |solid: Solid| solid.roughened(roughness_m, seed);
-        Self { bvh: Bvh::new(site.solids.into_iter().map(rough).collect()), people: site.people }
+        Self {
+            bvh: Bvh::new(site.solids.into_iter().map(rough).collect()),
+            cavern: Cavern::new(site.hollows, roughness_m, seed),
+            people: site.people,
+        }
     }
 
     /// Writes the people's shapes at `t` seconds to `shapes`.
@@ -66,10 +76,13 @@ impl World {
     /// Distance to and material of the nearest thing within `limit` metres.
     pub(crate) fn cast(&self, ray: &Ray, people: &[Cylinder], limit: f64) -> Option<(f64, Material)> {
         let person = people.iter().filter_map(|part| part.hit(ray)).fold(limit, f64::min);
-        match self.bvh.cast(ray, person) {
-            Some((range, solid)) => Some((range, solid.material)),
-            None => (person < limit).then_some((person, Material::Cloth)),
+        let mut nearest = (person < limit).then_some((person, Material::Cloth));
+        if let Some((range, solid)) = self.bvh.cast(ray, person) {
+            nearest = Some((range, solid.material));
         }
+        let so_far = nearest.map_or(limit, |(range, _)| range);
+        let rock = self.cavern.as_ref().and_then(|cavern| cavern.cast(ray, so_far));
+        rock.map(|range| (range, Material::Stone)).or(nearest)
     }
 }
 
