@@ -143,7 +143,7 @@ fn boxes() -> Vec<Line> {
 }
 
 fn rough() -> Vec<Line> {
-    use WorldKind::{FloorPlan, Rough, Tunnel};
+    use WorldKind::{Atrium, FloorPlan, Office, OpenHall, Plant, Ramp, Rough, Shaft, Tunnel};
     vec![
         Line::new("cellar_11", Rough, 11, 201).mounted([1.0, -0.5, 2.0], [0.05, -0.02, 0.06]),
         Line::new("cellar_12", Rough, 12, 202)
@@ -162,6 +162,30 @@ fn rough() -> Vec<Line> {
         Line::new("tunnel_2", Tunnel, 2, 206)
             .moved(0.6, 1.3, 120.0)
             .mounted([0.0, -3.0, 4.0], [0.0, -0.1, 0.1])
+            .open_gyro(),
+        Line::new("plant_1", Plant, 1, 207).moved(1.0, 1.0, 85.0).mounted([-1.0, 2.0, 1.0], [0.1, 0.05, 0.0]),
+        Line::new("plant_2", Plant, 2, 208).moved(1.8, 1.2, 110.0).open_gyro(),
+        Line::new("office_1", Office, 1, 209)
+            .moved(0.7, 0.9, 70.0)
+            .mounted([0.5, -1.5, 3.0], [0.05, 0.0, 0.12]),
+        Line::new("office_2", Office, 2, 210)
+            .moved(1.0, 1.0, 100.0)
+            .mounted([4.0, 0.0, -1.0], [-0.05, 0.03, 0.04])
+            .open_gyro(),
+        Line::new("atrium_1", Atrium, 1, 211)
+            .moved(1.0, 1.2, 85.0)
+            .mounted([1.0, 1.0, -5.0], [0.0, 0.0, 0.1]),
+        Line::new("open_hall_1", OpenHall, 1, 212)
+            .moved(1.0, 1.3, 85.0)
+            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
+            .open_gyro(),
+        Line::new("ramp_x", Ramp, 1, 111)
+            .moved(1.0, 1.1, 85.0)
+            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
+            .open_gyro(),
+        Line::new("shaft_x", Shaft, 1, 112)
+            .moved(1.0, 1.1, 85.0)
+            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
             .open_gyro(),
     ]
 }

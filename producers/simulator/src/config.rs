@@ -24,6 +24,19 @@ pub enum WorldKind {
     /// A tunnel of round bores through rock, drawn from `building`, with bends of 40 to 95 degrees, domed chambers, niches,
     /// pipes and rails.
     Tunnel,
+    /// A plant room with tanks, machines and pipes in all directions, drawn from `building`.
+    Plant,
+    /// An office floor with desks, thin-legged chairs, full shelves, plants and somebody walking, drawn from `building`.
+    Office,
+    /// An atrium with facades of glass that throws no shot back, rough walls, round pillars, plants and people, drawn from
+    /// `building`.
+    Atrium,
+    /// A hall of 50 x 30 x 8 m with few things and four people in it, drawn from `building`.
+    OpenHall,
+    /// A bent corridor with two ramps up and one down (5 to 15 %), drawn from `building`.
+    Ramp,
+    /// A landing around a stairwell's eye of 18 m, with a lift shaft behind an open door, drawn from `building`.
+    Shaft,
 }
 
 impl WorldKind {
@@ -31,6 +44,8 @@ impl WorldKind {
     fn roughness_m(self) -> f64 {
         match self {
             Self::Rough | Self::Tunnel => 0.02,
+            Self::Atrium | Self::OpenHall => 0.01,
+            Self::Plant | Self::Office => 0.006,
             _ => 0.0,
         }
     }

@@ -1,5 +1,6 @@
 //! Buildings, the people in them, and the nearest thing that a ray meets.
 
+mod atrium;
 mod build;
 mod bvh;
 mod cavern;
@@ -9,10 +10,16 @@ mod floor_plan;
 mod furniture;
 mod hall;
 mod material;
+mod office;
+mod open_hall;
 mod outline;
 mod people;
+mod plant;
+mod ramp;
 mod ray;
 mod relief;
+mod room;
+mod shaft;
 mod shape;
 mod solid;
 mod stairwell;
@@ -54,6 +61,12 @@ impl World {
             WorldKind::FloorPlan => toured(floor_plan::build(config.building, Style::Basement), start),
             WorldKind::Rough => toured(floor_plan::build(config.building, Style::Cellar), start),
             WorldKind::Tunnel => toured(tunnel::build(config.building), start),
+            WorldKind::Plant => toured(plant::build(config.building), start),
+            WorldKind::Office => toured(office::build(config.building), start),
+            WorldKind::Atrium => toured(atrium::build(config.building), start),
+            WorldKind::OpenHall => toured(open_hall::build(config.building), start),
+            WorldKind::Ramp => toured(ramp::build(config.building), start),
+            WorldKind::Shaft => toured(shaft::build(config.building), start),
         };
         (Self::new(site, config.roughness(), config.building), route)
     }
