@@ -1,5 +1,7 @@
 //! Walks that an odometry is judged on: many buildings, gaits, speeds and rigs, none of them like another.
 
+use std::path::{Path, PathBuf};
+
 use evac_stage::Rig;
 
 use crate::config::{Config, WorldKind};
@@ -104,6 +106,39 @@ pub fn catalogue() -> Vec<CatalogueWalk> {
     let boxes = boxes().into_iter().map(|line| line.walk(Group::Boxes));
     let rough = rough().into_iter().map(|line| line.walk(Group::Rough));
     boxes.chain(rough).collect()
+}
+
+/// Two walks with rays cast into the map of a long hall that a real Mid-40 measured (`corner.pcd` and `surf.pcd` of
+/// `livox_relocalization`), or none where the folder does not hold it.
+pub fn semi_real(cloud_folder: &Path) -> Vec<CatalogueWalk> {
+    let clouds: Vec<PathBuf> = ["surf.pcd", "corner.pcd"].map(|name| cloud_folder.join(name)).into();
+    if !clouds.iter().all(|path| path.is_file()) {
+        return Vec::new();
+    }
+    // About 1 m above the floor along the path that was measured, which sinks towards the far end.
+    let there = vec![[0.0, 0.5, 0.45], [38.0, 0.2, 0.15], [38.0, 4.8, -0.05], [20.0, 5.0, 0.05]];
+    let back = vec![[50.0, 4.8, -0.15], [10.0, 5.0, 0.15], [10.0, 0.5, 0.35], [35.0, 0.2, 0.2]];
+    let lines = [
+        (
+            Line::new("measured_hall_1", WorldKind::SemiReal, 1, 301)
+                .mounted([1.0, -0.5, 2.0], [0.05, -0.02, 0.06]),
+            there,
+        ),
+        (
+            Line::new("measured_hall_2", WorldKind::SemiReal, 1, 302)
+                .moved(1.5, 1.2, 110.0)
+                .mounted([-2.0, 3.0, -1.0], [0.1, 0.0, -0.05])
+                .open_gyro(),
+            back,
+        ),
+    ];
+    let walk = |(line, way): (Line, Vec<[f64; 3]>)| {
+        let mut walk = line.walk(Group::SemiReal);
+        walk.config.clouds.clone_from(&clouds);
+        walk.config.way_points_m = way;
+        walk
+    };
+    lines.into_iter().map(walk).collect()
 }
 
 fn boxes() -> Vec<Line> {

@@ -37,6 +37,8 @@ pub enum WorldKind {
     Ramp,
     /// A landing around a stairwell's eye of 18 m, with a lift shaft behind an open door, drawn from `building`.
     Shaft,
+    /// Discs in place of the points of `clouds`, along `way_points_m`.
+    SemiReal,
 }
 
 impl WorldKind {
@@ -57,6 +59,11 @@ impl WorldKind {
 pub struct Config {
     /// The building.
     pub world: WorldKind,
+    /// Measured point clouds (PCD, metres, z up) that `semi_real` is made of; all in one frame.
+    pub clouds: Vec<PathBuf>,
+    /// Places that the IMU passes in `semi_real`, in the clouds' frame, metres; at least 1 m apart. Points of the clouds
+    /// within 0.7 m of the way are left out.
+    pub way_points_m: Vec<[f64; 3]>,
     /// Which building of a kind that is drawn from a number; the other kinds stay as they are.
     pub building: u64,
     /// How far surfaces of plaster and stone are off ideal planes, root mean square in metres (floors, ceilings and pillars
@@ -116,6 +123,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             world: WorldKind::Corridor,
+            clouds: Vec::new(),
+            way_points_m: Vec::new(),
             building: 1,
             roughness_m: None,
             seed: 1,
@@ -177,6 +186,7 @@ impl StageConfig for Config {
                 ));
             }
         }
+        self.check_clouds()?;
         if !self.imu_rate_hz.is_multiple_of(10) || !1_000_000_000_u32.is_multiple_of(self.imu_rate_hz) {
             return Err(format!(
                 "imu_rate_hz = {} is not a multiple of 10 that divides 1,000,000,000; use 100, 200, 400, 500 or 1000",
@@ -188,6 +198,33 @@ impl StageConfig for Config {
 }
 
 impl Config {
+    fn check_clouds(&self) -> Result<(), String> {
+        if self.world != WorldKind::SemiReal {
+            return if self.clouds.is_empty() && self.way_points_m.is_empty() {
+                Ok(())
+            } else {
+                Err("clouds and way_points_m belong to world = \"semi_real\"; leave them out or choose it"
+                    .to_owned())
+            };
+        }
+        if self.clouds.is_empty() || self.way_points_m.len() < 2 {
+            return Err("world = \"semi_real\" needs clouds = [\"FILE.pcd\"] and at least two way_points_m"
+                .to_owned());
+        }
+        let far = |pair: &[[f64; 3]]| {
+            let way = [0, 1].map(|i| pair[1][i] - pair[0][i]);
+            (1.0..10_000.0).contains(&way[0].hypot(way[1]))
+                && (pair[1][2] - pair[0][2]).abs() < way[0].hypot(way[1])
+        };
+        match self.way_points_m.windows(2).find(|pair| !far(pair)) {
+            Some(pair) => Err(format!(
+                "way_points_m {:?} and {:?} must be finite, at least 1 m apart and not steeper than 45 degrees",
+                pair[0], pair[1]
+            )),
+            None => Ok(()),
+        }
+    }
+
     /// The roughness that holds, metres.
     pub(crate) fn roughness(&self) -> f64 {
         self.roughness_m.unwrap_or(self.world.roughness_m())

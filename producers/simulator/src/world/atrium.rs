@@ -65,6 +65,11 @@ fn shell(site: &mut Site, floor: &Rect) {
         site.block([0.0, -0.05, z], [length, 0.08, z + 0.1], Metal);
         site.block([length - 0.08, 0.0, z], [length + 0.05, width, z + 0.1], Metal);
     }
+    // Convectors along the glass, a hand rail before it.
+    site.block([0.5, 0.12, 0.05], [length - 0.5, 0.3, 0.62], Metal);
+    site.block([length - 0.3, 0.5, 0.05], [length - 0.12, width - 0.5, 0.62], Metal);
+    site.block([0.0, 0.1, 1.0], [length, 0.16, 1.1], Metal);
+    site.block([length - 0.16, 0.0, 1.0], [length - 0.1, width, 1.1], Metal);
     // Walls in the north and west with doors that stand out a little, and a gallery.
     site.block([-0.3, 0.0, 0.0], [0.0, width + 0.3, HEIGHT], Plaster);
     site.block([0.0, width, 0.0], [length + 0.06, width + 0.3, HEIGHT], Plaster);

@@ -10,6 +10,8 @@ mod floor_plan;
 mod furniture;
 mod hall;
 mod material;
+mod measured;
+mod neighbours;
 mod office;
 mod open_hall;
 mod outline;
@@ -29,6 +31,8 @@ mod tunnel;
 pub(crate) use material::Material;
 pub(crate) use ray::Ray;
 pub(crate) use solid::Cylinder;
+
+use evac_stage::StageError;
 
 use crate::config::{Config, WorldKind};
 use crate::trajectory::Route;
@@ -50,7 +54,10 @@ pub(crate) struct World {
 
 impl World {
     /// Builds the configured world and the route through it.
-    pub(crate) fn build(config: &Config) -> (Self, Route) {
+    ///
+    /// # Errors
+    /// [`StageError::File`] where a cloud cannot be read.
+    pub(crate) fn build(config: &Config) -> Result<(Self, Route), StageError> {
         let start = |place: [f64; 3], heading_deg: f64| {
             Route::start(place, heading_deg, config.speed_m_s, config.turn_rate_dps)
         };
@@ -67,8 +74,9 @@ impl World {
             WorldKind::OpenHall => toured(open_hall::build(config.building), start),
             WorldKind::Ramp => toured(ramp::build(config.building), start),
             WorldKind::Shaft => toured(shaft::build(config.building), start),
+            WorldKind::SemiReal => toured(measured::build(&config.clouds, &config.way_points_m)?, start),
         };
-        (Self::new(site, config.roughness(), config.building), route)
+        Ok((Self::new(site, config.roughness(), config.building), route))
     }
 
     fn new(site: Site, roughness_m: f64, seed: u64) -> Self {

@@ -59,7 +59,7 @@ pub(super) fn build(building: u64) -> (Site, Tour) {
     steps.insert(2, Step::Stand(1.0));
     steps.push(Step::Turn(180.0));
     steps.push(Step::Stand(0.5));
-    (site, Tour { start: [0.0, 0.0], steps })
+    (site, Tour { start: [0.0, 0.0], floor: 0.0, steps })
 }
 
 impl Leg {
