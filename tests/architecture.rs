@@ -12,6 +12,7 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-frames" | "evac-testkit" => &[],
         "evac-geometry" => &["evac-frames"],
         "evac-formats" => &["evac-geometry"],
+        "evac-evaluation" => &["evac-geometry", "evac-formats"],
         "evac-octree" => &["evac-frames", "evac-formats"],
         "evac-config" => &["evac-geometry"],
         "evac-ports" => &["evac-frames"],
@@ -24,6 +25,7 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-experiments" => &[
             "evac-config",
             "evac-deskewer",
+            "evac-evaluation",
             "evac-formats",
             "evac-frames",
             "evac-geometry",
