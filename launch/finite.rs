@@ -183,7 +183,7 @@ fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
     }
 }
 
-fn create_folder(folder: &Path) -> Result<(), LaunchError> {
+pub(crate) fn create_folder(folder: &Path) -> Result<(), LaunchError> {
     std::fs::create_dir_all(folder).map_err(|cause| {
         LaunchError::Path(format!(
             "{}: {cause}; choose a folder that you may write to with -o",
