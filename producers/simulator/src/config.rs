@@ -16,6 +16,21 @@ pub enum WorldKind {
     Hall,
     /// Two storeys of 3.4 m joined by a dog-leg stair, which the walker climbs.
     Stairwell,
+    /// Corridors drawn from `building`: a rectangle, L, U, figure of eight, T or Z, 1.6 to 3 m wide, with doors, rooms,
+    /// niches, cabinets and ducts; boxes only, smooth unless `roughness_m` is set.
+    FloorPlan,
+    /// A cellar of quarry stone and broken plaster, drawn from `building`, with barrels, props, pipes and rubble.
+    Rough,
+}
+
+impl WorldKind {
+    /// Roughness of the world where the configuration does not say, metres.
+    fn roughness_m(self) -> f64 {
+        match self {
+            Self::Rough => 0.02,
+            _ => 0.0,
+        }
+    }
 }
 
 /// Configuration of the simulator.
@@ -24,8 +39,15 @@ pub enum WorldKind {
 pub struct Config {
     /// The building.
     pub world: WorldKind,
+    /// Which building of a kind that is drawn from a number; the other kinds stay as they are.
+    pub building: u64,
+    /// How far surfaces of plaster and stone are off ideal planes, root mean square in metres (floors, ceilings and pillars
+    /// of concrete 0.4 of it, metal and wood nothing); where it is absent the world's own, 0 in all box worlds.
+    pub roughness_m: Option<f64>,
     /// Seed of noise, biases and gait phases; the building and the route do not depend on it.
     pub seed: u64,
+    /// Begins the data in mid-stride: the standstill at the start and the first 1.5 s of walking are left out.
+    pub start_walking: bool,
     /// Ends the walk early, seconds; the whole walk where it is absent.
     pub duration_s: Option<f64>,
     /// Walking speed on straight legs, m/s.
@@ -46,6 +68,9 @@ pub struct Config {
     pub min_range_m: f64,
     /// Nothing farther is measured, metres (Mid-40 data sheet: 90 m at 10 % reflectivity).
     pub max_range_m: f64,
+    /// Samples of the IMU per second: a multiple of 10 that divides 1,000,000,000 (10 to 1000), so that frames begin and
+    /// end with a sample. Noise per sample grows with the root of the rate, as of a sensor with that bandwidth.
+    pub imu_rate_hz: u32,
     /// White noise of the gyroscope per 200 Hz sample, one sigma, degrees/s.
     pub gyro_noise_dps: f64,
     /// White noise of the accelerometer per 200 Hz sample, one sigma, m/s^2.
@@ -73,7 +98,10 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             world: WorldKind::Corridor,
+            building: 1,
+            roughness_m: None,
             seed: 1,
+            start_walking: false,
             duration_s: None,
             speed_m_s: 1.1,
             turn_rate_dps: 85.0,
@@ -84,6 +112,7 @@ impl Default for Config {
             stray_share: 0.003,
             min_range_m: 0.3,
             max_range_m: 90.0,
+            imu_rate_hz: 200,
             gyro_noise_dps: 0.08,
             accel_noise_m_s2: 0.03,
             gyro_bias_dps: 0.3,
@@ -102,6 +131,7 @@ impl StageConfig for Config {
     fn check(&self) -> Result<(), String> {
         let ranges = [
             ("duration_s", self.duration_s.unwrap_or(1.0), 0.1, 3600.0),
+            ("roughness_m", self.roughness_m.unwrap_or(0.0), 0.0, 0.05),
             ("speed_m_s", self.speed_m_s, 0.1, 3.0),
             ("turn_rate_dps", self.turn_rate_dps, 5.0, 360.0),
             ("gait", self.gait, 0.0, 4.0),
@@ -112,6 +142,7 @@ impl StageConfig for Config {
             ("stray_share", self.stray_share, 0.0, 1.0),
             ("min_range_m", self.min_range_m, 0.05, 10.0),
             ("max_range_m", self.max_range_m, 10.0, 1000.0),
+            ("imu_rate_hz", f64::from(self.imu_rate_hz), 10.0, 1000.0),
             ("gyro_noise_dps", self.gyro_noise_dps, 0.0, 10.0),
             ("accel_noise_m_s2", self.accel_noise_m_s2, 0.0, 10.0),
             ("gyro_bias_dps", self.gyro_bias_dps, 0.0, 10.0),
@@ -128,7 +159,25 @@ impl StageConfig for Config {
                 ));
             }
         }
+        if !self.imu_rate_hz.is_multiple_of(10) || !1_000_000_000_u32.is_multiple_of(self.imu_rate_hz) {
+            return Err(format!(
+                "imu_rate_hz = {} is not a multiple of 10 that divides 1,000,000,000; use 100, 200, 400, 500 or 1000",
+                self.imu_rate_hz
+            ));
+        }
         Ok(())
+    }
+}
+
+impl Config {
+    /// The roughness that holds, metres.
+    pub(crate) fn roughness(&self) -> f64 {
+        self.roughness_m.unwrap_or(self.world.roughness_m())
+    }
+
+    /// Time between two IMU samples, nanoseconds.
+    pub(crate) fn sample_ns(&self) -> i64 {
+        1_000_000_000 / i64::from(self.imu_rate_hz.max(1))
     }
 }
 

@@ -9,6 +9,7 @@
 //! # Ok::<(), evac_stage::StageError>(())
 //! ```
 
+mod catalogue;
 mod config;
 mod mid40;
 mod random;
@@ -19,6 +20,7 @@ mod walk;
 mod world;
 mod wt901c;
 
+pub use catalogue::{CatalogueWalk, Group, catalogue};
 pub use config::{Config, WorldKind};
 pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, direction};
 pub use random::Random;

@@ -28,6 +28,21 @@ impl Random {
         (self.next() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
     }
 
+    /// Evenly distributed in [low, high).
+    pub(crate) fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.uniform()
+    }
+
+    /// True with this probability.
+    pub(crate) fn chance(&mut self, share: f64) -> bool {
+        self.uniform() < share
+    }
+
+    /// A whole number below `count`.
+    pub(crate) fn below(&mut self, count: usize) -> usize {
+        ((self.uniform() * count as f64) as usize).min(count.saturating_sub(1))
+    }
+
     /// Normal with mean 0 and standard deviation 1 (Marsaglia's polar method).
     pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {

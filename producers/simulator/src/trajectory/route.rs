@@ -82,6 +82,12 @@ impl Route {
         self.turn_by(degrees.to_radians())
     }
 
+    /// Seconds until the walker is in mid-stride for the first time.
+    pub(crate) fn stride_s(&self) -> f64 {
+        let first = self.moves.iter().find(|next| matches!(next.kind, Kind::Walk { .. }));
+        first.map_or(0.0, |walk| walk.start_s + (START_S + 0.3).min(walk.duration_s / 2.0))
+    }
+
     fn leg(self, x: f64, y: f64, rise: Option<Rise>) -> Self {
         let (dx, dy) = (x - self.position.x, y - self.position.y);
         let wanted = dy.atan2(dx) - self.heading;

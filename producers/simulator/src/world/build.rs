@@ -1,7 +1,8 @@
 //! Words for building: blocks, walls with doors, rooms, stairs.
 
+use super::material::Material;
 use super::people::Person;
-use super::solid::{Material, Solid};
+use super::solid::Solid;
 
 /// Thickness of walls, metres.
 pub(super) const WALL: f64 = 0.3;

@@ -1,6 +1,7 @@
 //! A bounding volume hierarchy: the nearest of some hundred boxes in a few box tests a ray.
 
-use super::solid::{Bounds, Ray, Solid};
+use super::ray::{Bounds, Ray};
+use super::solid::Solid;
 
 /// Solids in one leaf.
 const LEAF: usize = 3;
@@ -54,7 +55,7 @@ impl Bvh {
             let node = &self.nodes[index];
             if node.count > 0 {
                 for solid in &self.solids[node.first..node.first + node.count] {
-                    if let Some(range) = solid.hit(ray).filter(|range| *range < nearest) {
+                    if let Some(range) = solid.hit(ray, nearest) {
                         nearest = range;
                         best = Some((range, solid));
                     }
@@ -141,7 +142,7 @@ fn around(part: &[Solid]) -> Bounds {
 mod tests {
     use evac_geometry::nalgebra::Vector3;
 
-    use super::super::solid::Material;
+    use super::super::material::Material;
     use super::*;
     use crate::random::Random;
 
@@ -162,7 +163,10 @@ mod tests {
             let origin = Vector3::new(within(-20.0, 20.0), within(-20.0, 20.0), within(-3.0, 3.0));
             let direction = Vector3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-0.3, 0.3)).normalize();
             let ray = Ray::new(origin, direction);
-            let all = solids.iter().filter_map(|solid| solid.hit(&ray)).fold(f64::INFINITY, f64::min);
+            let all = solids
+                .iter()
+                .filter_map(|solid| solid.hit(&ray, f64::INFINITY))
+                .fold(f64::INFINITY, f64::min);
             let found = tree.cast(&ray, f64::INFINITY).map_or(f64::INFINITY, |(range, _)| range);
             assert_eq!(all, found);
             hits += usize::from(found.is_finite());

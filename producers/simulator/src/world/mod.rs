@@ -1,20 +1,33 @@
-//! Buildings made of boxes, the people in them, and the nearest thing that a ray meets.
+//! Buildings, the people in them, and the nearest thing that a ray meets.
 
 mod build;
 mod bvh;
 mod corridor;
+mod floor_plan;
+mod furniture;
 mod hall;
+mod material;
+mod outline;
 mod people;
+mod ray;
+mod relief;
+mod shape;
 mod solid;
 mod stairwell;
+mod tour;
 
-pub(crate) use solid::{Cylinder, Material, Ray};
+pub(crate) use material::Material;
+pub(crate) use ray::Ray;
+pub(crate) use solid::Cylinder;
 
 use crate::config::{Config, WorldKind};
 use crate::trajectory::Route;
 use build::Site;
 use bvh::Bvh;
+use floor_plan::Style;
 use people::Person;
+use solid::Solid;
+use tour::Tour;
 
 /// A building with its people.
 #[derive(Debug, Clone)]
@@ -33,12 +46,15 @@ impl World {
             WorldKind::Corridor => (corridor::build(), corridor::route(start)),
             WorldKind::Hall => (hall::build(), hall::route(start)),
             WorldKind::Stairwell => (stairwell::build(), stairwell::route(start)),
+            WorldKind::FloorPlan => toured(floor_plan::build(config.building, Style::Basement), start),
+            WorldKind::Rough => toured(floor_plan::build(config.building, Style::Cellar), start),
         };
-        (Self::new(site), route)
+        (Self::new(site, config.roughness(), config.building), route)
     }
 
-    fn new(site: Site) -> Self {
-        Self { bvh: Bvh::new(site.solids), people: site.people }
+    fn new(site: Site, roughness_m: f64, seed: u64) -> Self {
+        let rough = |solid: Solid| solid.roughened(roughness_m, seed);
+        Self { bvh: Bvh::new(site.solids.into_iter().map(rough).collect()), people: site.people }
     }
 
     /// Writes the people's shapes at `t` seconds to `shapes`.
@@ -55,6 +71,10 @@ impl World {
             None => (person < limit).then_some((person, Material::Cloth)),
         }
     }
+}
+
+fn toured((site, tour): (Site, Tour), start: impl Fn([f64; 3], f64) -> Route) -> (Site, Route) {
+    (site, tour.route(start))
 }
 
 #[cfg(test)]
