@@ -177,7 +177,8 @@ impl Bar {
     }
 }
 
-fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
+/// Sets a key of every stage of a kind.
+pub(crate) fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
     for entry in pipeline.stages.iter_mut().filter(|entry| entry.kind == stage) {
         entry.config.insert(key.to_owned(), value.clone());
     }

@@ -3,11 +3,13 @@
 use std::time::Instant;
 
 use evac_deskewer::Deskewer;
+use evac_evaluation::Pairs;
 use evac_frames::{PoseFrame, TrackingState, frame_flags};
 use evac_geometry::nalgebra::Isometry3;
 use evac_odometry::Lio;
 use evac_stage::{Counters, PoseOutput, Rig, ScanOutput, ScanWithImu, Stage, StageError};
 
+use crate::loss::pairs;
 use crate::settings::OdometryKind;
 use crate::walls::{Wall, blank_wall};
 use crate::{Frame, Settings, Walk};
@@ -44,6 +46,13 @@ impl Trajectory {
         let waiting = |frame: &&FrameResult| frame.pose.state == TrackingState::Initialising as u32;
         let before = self.frames.iter().take_while(waiting).count();
         self.frames.get(before..).unwrap_or_default()
+    }
+}
+
+impl Trajectory {
+    /// True and published poses from the first pose on; `None` where there is none or one is not finite.
+    pub fn pairs(&self) -> Option<Pairs> {
+        pairs(self.tracked())
     }
 }
 

@@ -86,9 +86,12 @@ impl Acceptance {
 pub struct Report {
     /// The limits.
     pub acceptance: Vec<Acceptance>,
-    /// The table and the limits in Markdown.
+    /// The table in Markdown.
     #[serde(skip)]
-    pub markdown: String,
+    pub table: String,
+    /// The limits in Markdown.
+    #[serde(skip)]
+    pub limits: String,
     /// Every run.
     pub runs: Vec<Run>,
 }
@@ -105,8 +108,7 @@ impl Report {
                 if limit.holds { "yes" } else { "**no**" }.to_owned(),
             ]);
         }
-        let markdown = format!("{}\n{}", table.text, limits.text);
-        Self { acceptance, markdown, runs: runs.to_vec() }
+        Self { acceptance, table: table.text.clone(), limits: limits.text, runs: runs.to_vec() }
     }
 }
 

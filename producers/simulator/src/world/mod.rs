@@ -49,7 +49,7 @@ impl World {
             WorldKind::FloorPlan => toured(floor_plan::build(config.building, Style::Basement), start),
             WorldKind::Rough => toured(floor_plan::build(config.building, Style::Cellar), start),
         };
-        (Self::new(site, config.roughness(), config.building), route)
+        (Self::new(site, config.roughness(), config.building), route.laps(config.laps))
     }
 
     fn new(site: Site, roughness_m: f64, seed: u64) -> Self {
