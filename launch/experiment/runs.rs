@@ -66,16 +66,8 @@ pub(super) fn faults(names: &[String]) -> Result<Vec<Fault>, LaunchError> {
 fn sources(selection: &Selection) -> Result<Vec<Source>, LaunchError> {
     let data = data_folder(selection.data.as_deref());
     let mut sources = recorded(&data);
-    if sources.is_empty() {
-        eprintln!(
-            "skipped: {} has no recorded walks; name their folder with --data or EVAC_DATA",
-            data.display()
-        );
-    }
+    let none_recorded = sources.is_empty();
     sources.extend(catalogue());
-    if selection.only.is_empty() {
-        return Ok(sources);
-    }
     let names: Vec<_> = sources.iter().map(|source| source.name.clone()).collect();
     for part in &selection.only {
         if !names.iter().any(|name| name.contains(part.as_str())) {
@@ -83,7 +75,14 @@ fn sources(selection: &Selection) -> Result<Vec<Source>, LaunchError> {
             return Err(usage(format!("--only {part}: no walk has that in its name; the walks are {names}")));
         }
     }
-    sources.retain(|source| selection.only.iter().any(|part| source.name.contains(part.as_str())));
+    if !selection.only.is_empty() {
+        sources.retain(|source| selection.only.iter().any(|part| source.name.contains(part.as_str())));
+    } else if none_recorded {
+        eprintln!(
+            "skipped: {} has no recorded walks; name their folder with --data or EVAC_DATA",
+            data.display()
+        );
+    }
     Ok(sources)
 }
 

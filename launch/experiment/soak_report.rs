@@ -148,29 +148,41 @@ impl Soak {
             let points = self.minutes.iter().map(|minute| [minute.minute as f64, of(minute)]).collect();
             Series::line(name, Stroke::nth(colour), points)
         };
-        let time = Panel {
-            y_label: "time a frame (ms)".to_owned(),
-            y_range: None,
-            min_span: 5.0,
-            series: vec![
+        let panel = |y_label: &str, top: f64, series: Vec<Series>| Panel {
+            y_label: y_label.to_owned(),
+            y_range: Some([0.0, 1.1 * top]),
+            min_span: 0.0,
+            series,
+        };
+        let most = |least: f64, of: fn(&Minute) -> f64| self.minutes.iter().map(of).fold(least, f64::max);
+        let time = panel(
+            "time a frame (ms)",
+            most(2.5, |minute| minute.median_ms.max(minute.cpu_ms)),
+            vec![
                 series("median", 0, |minute| minute.median_ms),
-                series("99th percentile", 1, |minute| minute.p99_ms),
                 series("computed (mean)", 2, |minute| minute.cpu_ms),
             ],
-        };
-        let memory = Panel {
-            y_label: "memory (MB)".to_owned(),
-            y_range: None,
-            min_span: 120.0,
-            series: vec![
+        );
+        // Apart, because another process on a busy machine shows here first.
+        let slowest = panel(
+            "99th percentile (ms)",
+            most(5.0, |minute| minute.p99_ms),
+            vec![series("99th percentile", 1, |minute| minute.p99_ms)],
+        );
+        let limit = self.minutes.iter().map(|minute| [minute.minute as f64, MEMORY_LIMIT_MB]).collect();
+        let memory = panel(
+            "memory (MB)",
+            most(MEMORY_LIMIT_MB, |minute| minute.process.resident_mb),
+            vec![
+                Series::line("limit", Stroke::truth(), limit),
                 series("resident", 3, |minute| minute.process.resident_mb),
                 series("of its own", 4, |minute| minute.process.own_mb),
             ],
-        };
+        );
         LineChart {
             title: format!("Odometry over {} minutes of walking ({})", self.minutes.len(), self.world),
             x_label: "walked (minutes)".to_owned(),
-            panels: vec![time, memory],
+            panels: vec![time, slowest, memory],
         }
     }
 }

@@ -112,9 +112,9 @@ fn write(args: &Table1Args, walk: &Walk, columns: &[Column], table: &str) -> Res
     let truth: Vec<TumPose> = walk.frames.iter().map(true_pose).collect();
     let tracks = tracks(&truth, columns.iter().map(|column| (column.method, &column.pairs)));
     let [path, axes] = [file("path.png"), file("axes.png")];
-    evac_picture::plot_paths(&path, "Path from above (the paper's Figure 8)", &tracks)?;
+    evac_picture::plot_paths(&path, "Path from above (Figure 8 of the paper)", &tracks)?;
     said(&path);
-    evac_picture::plot_axes(&axes, "x, y and z (the paper's Figure 9)", &tracks)?;
+    evac_picture::plot_axes(&axes, "x, y and z (Figure 9 of the paper)", &tracks)?;
     said(&axes);
     Ok(())
 }
