@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use evac_evaluation::{Evaluation, Statistics};
+use evac_evaluation::{Evaluation, Figures, Statistics};
 
 use super::Evaluated;
 
@@ -11,6 +11,7 @@ const NAME: usize = 24;
 const COLUMN: usize = 12;
 
 type Statistic = fn(&Evaluation) -> Option<Statistics>;
+type Heights = fn(&Evaluation) -> &Figures;
 type Figure = (&'static str, fn(&Statistics) -> f64);
 
 /// Figures of a statistic that are shown; evaluation.json has them all.
@@ -88,14 +89,14 @@ fn rows(evaluated: &[Evaluated]) -> Vec<Row> {
             rows.push(number(name, 4, &|e| statistic(e).map(|s| figure(&s))));
         }
     }
-    let heights: [(&str, fn(&Evaluation) -> [(&'static str, f64); 10]); 2] =
-        [("z above the start (m)", |e| e.z_figures.rows()), ("z error (m)", |e| e.z_error_figures.rows())];
+    let heights: [(&str, Heights); 2] =
+        [("z above the start (m)", |e| &e.z_figures), ("z error (m)", |e| &e.z_error_figures)];
     for (name, figures) in heights {
         rows.push(heading(name));
         let Some(first) = evaluated.first() else { continue };
-        for (i, (name, _)) in figures(&first.figures).into_iter().enumerate() {
+        for (i, (name, _)) in figures(&first.figures).rows().into_iter().enumerate() {
             let decimals = if name == "number" { 0 } else { 6 };
-            let figure = |e: &Evaluation| figures(e).get(i).map(|(_, value)| *value);
+            let figure = |e: &Evaluation| figures(e).rows().get(i).map(|(_, value)| *value);
             rows.push(number(&format!("  {name}"), decimals, &figure));
         }
     }

@@ -25,7 +25,7 @@ impl fmt::Display for Side {
 pub enum EvaluationError {
     /// Nothing can be said about fewer than two poses.
     #[error(
-        "{side} has {poses} poses where at least 2 are needed; check that the run wrote its whole trajectory"
+        "{side} has too few poses ({poses}, at least 2 are needed); check that the run wrote its whole trajectory"
     )]
     TooFew {
         /// Which trajectory.

@@ -213,3 +213,6 @@ pub(crate) fn draw_title(sheet: &mut Sheet, title: &str) {
 fn light(colour: Colour) -> Colour {
     colour.map(|value| (255.0 - (255.0 - f64::from(value)) * 0.28).round() as u8)
 }
+
+#[cfg(test)]
+mod tests;

@@ -64,7 +64,7 @@ impl Legend {
 fn sign_width(sign: &Sign) -> f64 {
     match sign {
         Sign::Line(_) | Sign::Band(_) => SIGN_WIDTH,
-        Sign::Start(_) | Sign::End(_) => 14.0,
+        Sign::Start(_) | Sign::End(_) => 18.0,
     }
 }
 
@@ -73,14 +73,14 @@ fn draw_sign(sheet: &mut Sheet, sign: &Sign, [x, y]: [f64; 2]) {
     match sign {
         Sign::Line(stroke) => sheet.polyline([[x, y], [x + SIGN_WIDTH, y]].into_iter(), stroke, area),
         Sign::Band(colour) => sheet.fill(area, *colour),
-        Sign::Start(colour) => start(sheet, [x + 7.0, y], *colour),
-        Sign::End(colour) => end(sheet, [x + 7.0, y], *colour),
+        Sign::Start(colour) => start(sheet, [x + 9.0, y], *colour),
+        Sign::End(colour) => end(sheet, [x + 9.0, y], *colour),
     }
 }
 
-/// A ring, so that an end at the same place stays visible in it.
+/// A ring, so that it stays visible around an end at the same place.
 pub(crate) fn start(sheet: &mut Sheet, at: [f64; 2], colour: Colour) {
-    for (radius, colour) in [(9.5, WHITE), (8.5, colour), (5.5, WHITE)] {
+    for (radius, colour) in [(11.0, WHITE), (10.0, colour), (7.5, WHITE)] {
         sheet.disc(at, radius, colour);
     }
 }

@@ -156,3 +156,77 @@ fn scale_bar(sheet: &mut Sheet, view: &View) {
     }
     sheet.text([left - 8.0, y], Align::Right, NUMBER, INK, &format!("{length} m"));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STROKE: Stroke = Stroke { colour: [200, 0, 100], width: 2.0, dash: None };
+
+    fn track(corners: &[[f64; 2]]) -> Track {
+        let point =
+            |(i, [x, y]): (usize, &[f64; 2])| TrackPoint { time_s: i as f64, position: [*x, *y, 0.0] };
+        Track {
+            name: "a".to_owned(),
+            stroke: STROKE,
+            points: corners.iter().enumerate().map(point).collect(),
+        }
+    }
+
+    /// The track's pixels.
+    fn drawn(image: &RgbImage) -> Vec<[i64; 2]> {
+        let (width, height) = (i64::from(image.width()), i64::from(image.height()));
+        // The legend is above.
+        let all = (70..height).flat_map(|y| (0..width).map(move |x| [x, y]));
+        all.filter(|[x, y]| image.get(*x, *y) == Some(STROKE.colour)).collect()
+    }
+
+    /// Its first and last columns and rows.
+    fn extent(image: &RgbImage) -> [[i64; 2]; 2] {
+        let drawn = drawn(image);
+        [0, 1].map(|axis| {
+            let values = || drawn.iter().map(|pixel| pixel[axis]);
+            [values().min().unwrap(), values().max().unwrap()]
+        })
+    }
+
+    #[test]
+    fn a_metre_is_as_long_in_x_as_in_y() {
+        // Ends in the middle, so that the marks are inside.
+        let square =
+            track(&[[5.0, 5.0], [0.0, 5.0], [0.0, 10.0], [10.0, 10.0], [10.0, 0.0], [0.0, 0.0], [5.0, 5.0]]);
+        let [[left, right], [top, bottom]] = extent(&draw_paths("", &[square]));
+        assert!(((right - left) - (bottom - top)).abs() <= 1, "{left} to {right}, {top} to {bottom}");
+        assert!(bottom - top > 600);
+    }
+
+    #[test]
+    fn a_walk_to_the_right_and_then_up_leaves_the_upper_left_empty() {
+        let image = draw_paths("", &[track(&[[0.0, 0.0], [20.0, 0.0], [20.0, 10.0]])]);
+        let drawn = drawn(&image);
+        let [[left, right], [top, bottom]] = extent(&image);
+        let (x, y) = (i64::midpoint(left, right), i64::midpoint(top, bottom));
+        assert!(drawn.iter().any(|p| p[0] > x && p[1] < y) && drawn.iter().any(|p| p[0] < x && p[1] > y));
+        assert!(!drawn.iter().any(|p| p[0] < x && p[1] < y));
+    }
+
+    #[test]
+    fn a_corridor_a_kilometre_long_and_a_point_give_pictures_of_bounded_size() {
+        for corners in [&[[0.0, 0.0], [1000.0, 1.0]][..], &[[0.0, 0.0], [1.0, 1000.0]], &[[3.0, 3.0]], &[]] {
+            let image = draw_paths("", &[track(corners)]);
+            assert_eq!(image.width(), WIDTH);
+            assert!((400..1100).contains(&image.height()), "{corners:?}: {}", image.height());
+        }
+    }
+
+    #[test]
+    fn both_files_are_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let tracks = [track(&[[0.0, 0.0], [1.0, 2.0]])];
+        plot_paths(&folder.path().join("path.png"), "Path", &tracks).unwrap();
+        plot_axes(&folder.path().join("axes.png"), "Axes", &tracks).unwrap();
+        let missing = plot_axes(&folder.path().join("no/axes.png"), "Axes", &tracks).unwrap_err();
+        assert!(missing.to_string().contains("create the folder"), "{missing}");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+}
