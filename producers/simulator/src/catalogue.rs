@@ -1,5 +1,7 @@
 //! Walks that an odometry is judged on: many buildings, gaits, speeds and rigs, none of them like another.
 
+use std::path::{Path, PathBuf};
+
 use evac_stage::Rig;
 
 use crate::config::{Config, WorldKind};
@@ -106,6 +108,39 @@ pub fn catalogue() -> Vec<CatalogueWalk> {
     boxes.chain(rough).collect()
 }
 
+/// Two walks with rays cast into the map of a long hall that a real Mid-40 measured (`corner.pcd` and `surf.pcd` of
+/// `livox_relocalization`), or none where the folder does not hold it.
+pub fn semi_real(cloud_folder: &Path) -> Vec<CatalogueWalk> {
+    let clouds: Vec<PathBuf> = ["surf.pcd", "corner.pcd"].map(|name| cloud_folder.join(name)).into();
+    if !clouds.iter().all(|path| path.is_file()) {
+        return Vec::new();
+    }
+    // About 1 m above the floor along the path that was measured, which sinks towards the far end.
+    let there = vec![[0.0, 0.5, 0.45], [38.0, 0.2, 0.15], [38.0, 4.8, -0.05], [20.0, 5.0, 0.05]];
+    let back = vec![[50.0, 4.8, -0.15], [10.0, 5.0, 0.15], [10.0, 0.5, 0.35], [35.0, 0.2, 0.2]];
+    let lines = [
+        (
+            Line::new("measured_hall_1", WorldKind::SemiReal, 1, 301)
+                .mounted([1.0, -0.5, 2.0], [0.05, -0.02, 0.06]),
+            there,
+        ),
+        (
+            Line::new("measured_hall_2", WorldKind::SemiReal, 1, 302)
+                .moved(1.5, 1.2, 110.0)
+                .mounted([-2.0, 3.0, -1.0], [0.1, 0.0, -0.05])
+                .open_gyro(),
+            back,
+        ),
+    ];
+    let walk = |(line, way): (Line, Vec<[f64; 3]>)| {
+        let mut walk = line.walk(Group::SemiReal);
+        walk.config.clouds.clone_from(&clouds);
+        walk.config.way_points_m = way;
+        walk
+    };
+    lines.into_iter().map(walk).collect()
+}
+
 fn boxes() -> Vec<Line> {
     use WorldKind::FloorPlan;
     vec![
@@ -143,7 +178,7 @@ fn boxes() -> Vec<Line> {
 }
 
 fn rough() -> Vec<Line> {
-    use WorldKind::{FloorPlan, Rough};
+    use WorldKind::{Atrium, FloorPlan, Office, OpenHall, Plant, Ramp, Rough, Shaft, Tunnel};
     vec![
         Line::new("cellar_11", Rough, 11, 201).mounted([1.0, -0.5, 2.0], [0.05, -0.02, 0.06]),
         Line::new("cellar_12", Rough, 12, 202)
@@ -155,6 +190,37 @@ fn rough() -> Vec<Line> {
             .moved(1.0, 1.1, 95.0)
             .mounted([0.5, 5.0, 1.0], [0.0, 0.1, -0.05])
             .roughened(0.025)
+            .open_gyro(),
+        Line::new("tunnel_1", Tunnel, 1, 205)
+            .moved(1.2, 1.1, 90.0)
+            .mounted([2.0, 1.0, 0.0], [0.05, 0.05, 0.05]),
+        Line::new("tunnel_2", Tunnel, 2, 206)
+            .moved(0.6, 1.3, 120.0)
+            .mounted([0.0, -3.0, 4.0], [0.0, -0.1, 0.1])
+            .open_gyro(),
+        Line::new("plant_1", Plant, 1, 207).moved(1.0, 1.0, 85.0).mounted([-1.0, 2.0, 1.0], [0.1, 0.05, 0.0]),
+        Line::new("plant_2", Plant, 2, 208).moved(1.8, 1.2, 110.0).open_gyro(),
+        Line::new("office_1", Office, 1, 209)
+            .moved(0.7, 0.9, 70.0)
+            .mounted([0.5, -1.5, 3.0], [0.05, 0.0, 0.12]),
+        Line::new("office_2", Office, 2, 210)
+            .moved(1.0, 1.0, 100.0)
+            .mounted([4.0, 0.0, -1.0], [-0.05, 0.03, 0.04])
+            .open_gyro(),
+        Line::new("atrium_1", Atrium, 1, 211)
+            .moved(1.0, 1.2, 85.0)
+            .mounted([1.0, 1.0, -5.0], [0.0, 0.0, 0.1]),
+        Line::new("open_hall_1", OpenHall, 1, 212)
+            .moved(1.0, 1.3, 85.0)
+            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
+            .open_gyro(),
+        Line::new("ramp_x", Ramp, 1, 111)
+            .moved(1.0, 1.1, 85.0)
+            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
+            .open_gyro(),
+        Line::new("shaft_x", Shaft, 1, 112)
+            .moved(1.0, 1.1, 85.0)
+            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
             .open_gyro(),
     ]
 }

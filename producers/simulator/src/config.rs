@@ -21,13 +21,33 @@ pub enum WorldKind {
     FloorPlan,
     /// A cellar of quarry stone and broken plaster, drawn from `building`, with barrels, props, pipes and rubble.
     Rough,
+    /// A tunnel of round bores through rock, drawn from `building`, with bends of 40 to 95 degrees, domed chambers, niches,
+    /// pipes and rails.
+    Tunnel,
+    /// A plant room with tanks, machines and pipes in all directions, drawn from `building`.
+    Plant,
+    /// An office floor with desks, thin-legged chairs, full shelves, plants and somebody walking, drawn from `building`.
+    Office,
+    /// An atrium with facades of glass that throws no shot back, rough walls, round pillars, plants and people, drawn from
+    /// `building`.
+    Atrium,
+    /// A hall of 50 x 30 x 8 m with few things and four people in it, drawn from `building`.
+    OpenHall,
+    /// A bent corridor with two ramps up and one down (5 to 15 %), drawn from `building`.
+    Ramp,
+    /// A landing around a stairwell's eye of 18 m, with a lift shaft behind an open door, drawn from `building`.
+    Shaft,
+    /// Discs in place of the points of `clouds`, along `way_points_m`.
+    SemiReal,
 }
 
 impl WorldKind {
     /// Roughness of the world where the configuration does not say, metres.
     fn roughness_m(self) -> f64 {
         match self {
-            Self::Rough => 0.02,
+            Self::Rough | Self::Tunnel => 0.02,
+            Self::Atrium | Self::OpenHall => 0.01,
+            Self::Plant | Self::Office => 0.006,
             _ => 0.0,
         }
     }
@@ -39,6 +59,11 @@ impl WorldKind {
 pub struct Config {
     /// The building.
     pub world: WorldKind,
+    /// Measured point clouds (PCD, metres, z up) that `semi_real` is made of; all in one frame.
+    pub clouds: Vec<PathBuf>,
+    /// Places that the IMU passes in `semi_real`, in the clouds' frame, metres; at least 1 m apart. Points of the clouds
+    /// within 0.7 m of the way are left out.
+    pub way_points_m: Vec<[f64; 3]>,
     /// Which building of a kind that is drawn from a number; the other kinds stay as they are.
     pub building: u64,
     /// How far surfaces of plaster and stone are off ideal planes, root mean square in metres (floors, ceilings and pillars
@@ -101,6 +126,8 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             world: WorldKind::Corridor,
+            clouds: Vec::new(),
+            way_points_m: Vec::new(),
             building: 1,
             roughness_m: None,
             seed: 1,
@@ -164,6 +191,7 @@ impl StageConfig for Config {
                 ));
             }
         }
+        self.check_clouds()?;
         if !self.imu_rate_hz.is_multiple_of(10) || !1_000_000_000_u32.is_multiple_of(self.imu_rate_hz) {
             return Err(format!(
                 "imu_rate_hz = {} is not a multiple of 10 that divides 1,000,000,000; use 100, 200, 400, 500 or 1000",
@@ -175,6 +203,33 @@ impl StageConfig for Config {
 }
 
 impl Config {
+    fn check_clouds(&self) -> Result<(), String> {
+        if self.world != WorldKind::SemiReal {
+            return if self.clouds.is_empty() && self.way_points_m.is_empty() {
+                Ok(())
+            } else {
+                Err("clouds and way_points_m belong to world = \"semi_real\"; leave them out or choose it"
+                    .to_owned())
+            };
+        }
+        if self.clouds.is_empty() || self.way_points_m.len() < 2 {
+            return Err("world = \"semi_real\" needs clouds = [\"FILE.pcd\"] and at least two way_points_m"
+                .to_owned());
+        }
+        let far = |pair: &[[f64; 3]]| {
+            let way = [0, 1].map(|i| pair[1][i] - pair[0][i]);
+            (1.0..10_000.0).contains(&way[0].hypot(way[1]))
+                && (pair[1][2] - pair[0][2]).abs() < way[0].hypot(way[1])
+        };
+        match self.way_points_m.windows(2).find(|pair| !far(pair)) {
+            Some(pair) => Err(format!(
+                "way_points_m {:?} and {:?} must be finite, at least 1 m apart and not steeper than 45 degrees",
+                pair[0], pair[1]
+            )),
+            None => Ok(()),
+        }
+    }
+
     /// The roughness that holds, metres.
     pub(crate) fn roughness(&self) -> f64 {
         self.roughness_m.unwrap_or(self.world.roughness_m())

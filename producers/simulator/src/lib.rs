@@ -20,7 +20,7 @@ mod walk;
 mod world;
 mod wt901c;
 
-pub use catalogue::{CatalogueWalk, Group, catalogue};
+pub use catalogue::{CatalogueWalk, Group, catalogue, semi_real};
 pub use config::{Config, WorldKind};
 pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, direction};
 pub use random::Random;

@@ -1,5 +1,7 @@
 //! One simulated walk: world, trajectory and sensors put together, frame by frame.
 
+use std::sync::Arc;
+
 use evac_formats::wt901c::Scales;
 use evac_frames::{FrameHeader, ImuSample, Point, PoseFrame, ScanHeader, TrackingState, frame_flags};
 use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -27,7 +29,7 @@ pub(crate) struct Sampled {
 /// The walk as its sensors see it. IMU samples and scans are drawn one after the other, independently.
 #[derive(Debug, Clone)]
 pub struct Walk {
-    world: World,
+    world: Arc<World>,
     trajectory: Trajectory,
     imu_from_lidar: Isometry3<f64>,
     map_from_world: Isometry3<f64>,
@@ -45,10 +47,10 @@ impl Walk {
     /// Builds the world and puts the walker at its start.
     ///
     /// # Errors
-    /// [`StageError::Config`] for a value out of range.
+    /// [`StageError::Config`] for a value out of range, [`StageError::File`] for a cloud that cannot be read.
     pub fn new(config: &Config, rig: &Rig) -> Result<Self, StageError> {
         config.check().map_err(StageError::Config)?;
-        let (world, route) = World::build(config);
+        let (world, route) = World::build(config)?;
         let gait = Gait::new(config.gait, &mut Random::new(config.seed, 0));
         let skipped = if config.start_walking { route.stride_s() } else { 0.0 };
         let tilt = config.mount_tilt_deg.map(f64::to_radians);
@@ -64,7 +66,7 @@ impl Walk {
             clock_offset_ns: config.imu_clock_offset_ms * 1e6,
             clock_rate: 1.0 + config.imu_clock_ppm * 1e-6,
             sample_ns: config.sample_ns(),
-            world,
+            world: Arc::new(world),
             trajectory,
             imu_from_lidar,
             frames,
@@ -231,7 +233,7 @@ impl Iterator for Frames {
 /// Walks in memory: an iterator over frames, without processes, files or shared memory.
 ///
 /// # Errors
-/// [`StageError::Config`] for a value out of range.
+/// As [`Walk::new`].
 pub fn simulate(config: &Config, rig: &Rig) -> Result<Frames, StageError> {
     Ok(Frames { walk: Walk::new(config, rig)?, border: None })
 }

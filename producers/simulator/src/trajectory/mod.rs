@@ -17,7 +17,7 @@ use profile::{Profile, smooth_step};
 use route::{Kind, Move, Rise};
 
 /// Height of the IMU above the floor, metres.
-const IMU_HEIGHT: f64 = 1.2;
+pub(crate) const IMU_HEIGHT: f64 = 1.2;
 /// The rig is carried this far in front of the walker's axis of turning, metres.
 const CARRIED_AHEAD: f64 = 0.15;
 

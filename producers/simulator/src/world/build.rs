@@ -2,6 +2,7 @@
 
 use super::material::Material;
 use super::people::Person;
+use super::shape::Shape;
 use super::solid::Solid;
 
 /// Thickness of walls, metres.
@@ -56,6 +57,8 @@ pub(super) fn passage(at: f64, width: f64, height: f64) -> Opening {
 pub(super) struct Site {
     pub(super) solids: Vec<Solid>,
     pub(super) people: Vec<Person>,
+    /// What is cut out of the rock, where the world is a cavern.
+    pub(super) hollows: Vec<Shape>,
 }
 
 impl Site {

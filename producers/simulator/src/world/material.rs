@@ -16,6 +16,8 @@ pub(crate) enum Material {
     /// Quarry stone and raw rock.
     Stone,
     Leaves,
+    /// Whatever a measured point lies on.
+    Measured,
 }
 
 impl Material {
@@ -24,7 +26,7 @@ impl Material {
         match self {
             Self::Concrete => 40.0,
             Self::Plaster => 95.0,
-            Self::Metal => 60.0,
+            Self::Metal | Self::Measured => 60.0,
             Self::Wood => 70.0,
             Self::Glass | Self::ClearGlass => 12.0,
             Self::Sign => 210.0,

@@ -6,19 +6,19 @@
 
 use evac_geometry::nalgebra::Vector3;
 
-/// Edge of the noise's cells, metres: undulation (two octaves) and grain (two octaves).
+/// Edges of the noise's cells, metres: undulation in two octaves, and grain.
 const UNDULATION_CELLS: [f64; 2] = [0.9, 0.35];
-const GRAIN_CELLS: [f64; 2] = [0.08, 0.03];
+const GRAIN_CELL: f64 = 0.06;
 /// Shares of the whole rms; the sum of their squares is 1.
 const UNDULATION_SHARES: [f64; 2] = [0.80, 0.40];
-const GRAIN_SHARES: [f64; 2] = [0.36, 0.268_328_157];
+const GRAIN_SHARE: f64 = 0.447_213_6;
 /// Root mean square of value noise whose corners are evenly distributed in [-1, 1] with the cubic smooth step between
 /// them: the square of the step and of its complement sum to 26/35 in the mean, per axis; the corners' variance is 1/3.
 const NOISE_RMS: f64 = 0.369_7;
 
 /// Largest heights against the noise's scale: three times the rms of the whole and of the grain.
 const BOUND: f64 = 3.0 * NOISE_RMS;
-const GRAIN_BOUND: f64 = 3.0 * NOISE_RMS * 0.449;
+const GRAIN_BOUND: f64 = 3.0 * NOISE_RMS * GRAIN_SHARE;
 
 /// A height field with its bound.
 #[derive(Debug, Clone, Copy)]
@@ -30,7 +30,7 @@ pub(crate) struct Relief {
 impl Relief {
     /// A field with a root mean square of `rms` metres; `None` where there is nothing to speak of.
     pub(super) fn new(rms: f64, seed: u64) -> Option<Self> {
-        (rms > 1e-5).then_some(Self { scale: rms / NOISE_RMS, seed })
+        (rms > 1e-5).then_some(Self { scale: rms / NOISE_RMS, seed: seed.wrapping_mul(3) })
     }
 
     /// No height is larger, metres: three times the rms. (The noise itself ends at five times, which it hardly ever
@@ -62,16 +62,14 @@ impl Relief {
     }
 
     fn undulation(&self, askew: &Vector3<f64>) -> f64 {
-        self.octaves(askew, UNDULATION_CELLS, UNDULATION_SHARES, 0)
+        let octave = |k: usize| {
+            UNDULATION_SHARES[k] * noise(askew / UNDULATION_CELLS[k], self.seed.wrapping_add(k as u64))
+        };
+        self.scale * (octave(0) + octave(1))
     }
 
     fn grain(&self, askew: &Vector3<f64>) -> f64 {
-        self.octaves(askew, GRAIN_CELLS, GRAIN_SHARES, 2)
-    }
-
-    fn octaves(&self, askew: &Vector3<f64>, cells: [f64; 2], shares: [f64; 2], first: u64) -> f64 {
-        let octave = |k: usize| shares[k] * noise(askew / cells[k], self.seed.wrapping_add(first + k as u64));
-        self.scale * (octave(0) + octave(1))
+        self.scale * GRAIN_SHARE * noise(askew / GRAIN_CELL, self.seed.wrapping_add(2))
     }
 
     /// Where a ray meets the surface between `from` and `to` metres along it: the first place at which `distance` (from
@@ -83,9 +81,9 @@ impl Relief {
         at: impl Fn(f64) -> Vector3<f64>,
         distance: impl Fn(&Vector3<f64>) -> f64,
     ) -> Option<f64> {
-        /// Slopes of undulation and of undulation with grain that hardly any place exceeds.
-        const SLOPES: [f64; 2] = [0.25, 0.7];
-        const LEAST_STEP: f64 = 0.003;
+        /// Slopes of undulation and of undulation with grain that few places exceed, against the scale.
+        const SLOPES: [f64; 2] = [3.0, 9.0];
+        const LEAST_STEP: f64 = 0.004;
         /// Way over which the first rate of approach is taken.
         const AHEAD: f64 = 0.01;
         const STEPS: u32 = 200;
@@ -102,7 +100,8 @@ impl Relief {
         // How fast the ray nears the smooth surface. Bodies are convex: it never gets faster.
         let mut rate = (above - distance(&at(t + AHEAD))) / AHEAD;
         for _ in 0..STEPS {
-            let next = t + (clear / (rate.max(0.0) + SLOPES[usize::from(grainy)])).max(LEAST_STEP);
+            let next =
+                t + (clear / (rate.max(0.0) + SLOPES[usize::from(grainy)] * self.scale)).max(LEAST_STEP);
             if next > to {
                 return None;
             }
@@ -110,7 +109,8 @@ impl Relief {
             let above_next = distance(&place);
             let (clear_next, grainy_next) = self.clearance(above_next, &place);
             if clear_next <= 0.0 {
-                return Some(crossing([t, next], exact(t), clear_next, exact));
+                let clear = if grainy { clear } else { exact(t) };
+                return Some(crossing([t, next], clear, clear_next, exact));
             }
             rate = (above - above_next) / (next - t);
             (t, above, clear, grainy) = (next, above_next, clear_next, grainy_next);
@@ -120,18 +120,18 @@ impl Relief {
     }
 }
 
-/// Where `clearance`, positive at the first and not at the second place, is zero: three halvings, then a straight line.
+/// Where `clearance`, positive at the first and not at the second place, is zero: one step of the false position, then a
+/// straight line.
 fn crossing([mut a, mut b]: [f64; 2], mut at_a: f64, mut at_b: f64, clearance: impl Fn(f64) -> f64) -> f64 {
-    for _ in 0..3 {
-        let middle = (a + b) / 2.0;
-        let clear = clearance(middle);
-        if clear > 0.0 {
-            (a, at_a) = (middle, clear);
-        } else {
-            (b, at_b) = (middle, clear);
-        }
+    let zero = |a: f64, b: f64, at_a: f64, at_b: f64| a + (b - a) * at_a / (at_a - at_b);
+    let guess = zero(a, b, at_a, at_b);
+    let clear = clearance(guess);
+    if clear > 0.0 {
+        (a, at_a) = (guess, clear);
+    } else {
+        (b, at_b) = (guess, clear);
     }
-    a + (b - a) * at_a / (at_a - at_b)
+    zero(a, b, at_a, at_b)
 }
 
 /// Turned out of the building's axes: a wall must not run along the noise's lattice.
@@ -146,10 +146,11 @@ fn askew(p: &Vector3<f64>) -> Vector3<f64> {
 
 /// Smooth noise in [-1, 1] with cells of edge 1.
 fn noise(p: Vector3<f64>, seed: u64) -> f64 {
-    let floor = p.map(f64::floor);
-    let part = p - floor;
+    // `f64::floor` is a call where the processor's own instruction may not be used.
+    let floor = p.map(|x| x as i64 - i64::from(x < (x as i64) as f64));
+    let part = p - floor.map(|x| x as f64);
     let step = part.map(|u| u * u * (3.0 - 2.0 * u));
-    let [x, y, z] = [floor.x as i64, floor.y as i64, floor.z as i64];
+    let [x, y, z] = [floor.x, floor.y, floor.z];
     let (xs, ys, zs) = (hashed(x, FACTORS[0]), hashed(y, FACTORS[1]), hashed(z, FACTORS[2]));
     let seed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     let corner = |dx: usize, dy: usize, dz: usize| finished(seed ^ xs[dx] ^ ys[dy] ^ zs[dz]);

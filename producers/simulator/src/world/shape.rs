@@ -31,6 +31,12 @@ pub(super) enum Shape {
         centre: Vector3<f64>,
         radius: f64,
     },
+    /// A disc without thickness, by its normal (a unit vector); it is met from both sides.
+    Disc {
+        centre: Vector3<f64>,
+        normal: Vector3<f64>,
+        radius: f64,
+    },
 }
 
 impl Shape {
@@ -47,6 +53,9 @@ impl Shape {
                 (centre, axis.abs() * *half_length + across * *radius)
             }
             Self::Ball { centre, radius } => (centre, Vector3::repeat(*radius)),
+            Self::Disc { centre, normal, radius } => {
+                (centre, normal.map(|n| (1.0 - n * n).max(0.0).sqrt()) * *radius)
+            }
         };
         Bounds { min: centre - reach, max: centre + reach }
     }
@@ -84,6 +93,11 @@ impl Shape {
                 let root = (discriminant >= 0.0).then(|| discriminant.sqrt())?;
                 (root >= half_b).then_some((-half_b - root, root - half_b))
             }
+            Self::Disc { centre, normal, radius } => {
+                let range = normal.dot(&(centre - ray.origin)) / normal.dot(&ray.direction);
+                let off = ray.origin + ray.direction * range - centre;
+                (range >= 0.0 && off.norm_squared() <= radius * radius).then_some((range, range))
+            }
         }
     }
 
@@ -106,6 +120,11 @@ impl Shape {
                 out.max(0.0).hypot(beyond.max(0.0)) + out.max(beyond).min(0.0)
             }
             Self::Ball { centre, radius } => (place - centre).norm() - radius,
+            Self::Disc { centre, normal, radius } => {
+                let v = place - centre;
+                let above = v.dot(normal);
+                ((v - normal * above).norm() - radius).max(0.0).hypot(above)
+            }
         }
     }
 }

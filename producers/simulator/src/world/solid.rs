@@ -60,6 +60,11 @@ impl Solid {
         Self::new(Shape::Ball { centre: centre.into(), radius }, material)
     }
 
+    /// A disc by its centre, normal (a unit vector) and radius.
+    pub(super) fn disc(centre: Vector3<f64>, normal: Vector3<f64>, radius: f64, material: Material) -> Self {
+        Self::new(Shape::Disc { centre, normal, radius }, material)
+    }
+
     /// The same body with a surface that is no ideal plane: `rms` metres off it where the material is as rough as
     /// materials get, less on others.
     pub(super) fn roughened(self, rms: f64, seed: u64) -> Self {

@@ -21,6 +21,8 @@ pub(super) enum Step {
 #[derive(Debug, Clone)]
 pub(super) struct Tour {
     pub(super) start: [f64; 2],
+    /// Height of the floor there, metres.
+    pub(super) floor: f64,
     pub(super) steps: Vec<Step>,
 }
 
@@ -28,7 +30,7 @@ impl Tour {
     /// Along the corners of a path.
     pub(super) fn along(path: &[[f64; 2]]) -> Self {
         let (start, rest) = path.split_first().map_or(([0.0; 2], path), |(first, rest)| (*first, rest));
-        Self { start, steps: rest.iter().copied().map(Step::To).collect() }
+        Self { start, floor: 0.0, steps: rest.iter().copied().map(Step::To).collect() }
     }
 
     /// The places at which the walker stands, turns or ends, the start first.
@@ -64,12 +66,15 @@ impl Tour {
         let [x, y] = self.start;
         let heading = self.places().get(1).map_or(0.0, |next| (next[1] - y).atan2(next[0] - x).to_degrees());
         let route =
-            self.steps.iter().fold(start([x, y, 0.0], heading).stand(3.5), |route, step| match *step {
-                Step::To([x, y]) => route.walk_to(x, y),
-                Step::Climb([x, y], between, rise) => route.climb_to(x, y, between, rise),
-                Step::Stand(seconds) => route.stand(seconds),
-                Step::Turn(degrees) => route.turn(degrees),
-            });
+            self.steps.iter().fold(
+                start([x, y, self.floor], heading).stand(3.5),
+                |route, step| match *step {
+                    Step::To([x, y]) => route.walk_to(x, y),
+                    Step::Climb([x, y], between, rise) => route.climb_to(x, y, between, rise),
+                    Step::Stand(seconds) => route.stand(seconds),
+                    Step::Turn(degrees) => route.turn(degrees),
+                },
+            );
         route.stand(1.0)
     }
 }
