@@ -8,5 +8,7 @@
 //! own error counted once), never inverts it, and so leaves the unobserved directions to the IMU and says which they are.
 
 mod lio;
+mod loam;
 
 pub use lio::{Diagnostics, Lio, LioConfig};
+pub use loam::{Loam, LoamConfig, LoamDiagnostics};
