@@ -328,7 +328,8 @@ fn the_published_covariance_is_symmetric_and_positive() {
 fn a_full_map_gives_up_old_cells_and_goes_on() {
     let frames = Room { max: Vector3::new(14.0, 3.0, 1.8), ..Room::new(19) }
         .frames(12.0, glide(Vector3::new(8.0, 0.0, 0.0), 0.0, 9.0));
-    let mut pipeline = Pipeline::with(LioConfig { max_cells: 4096, ..LioConfig::default() }, &Rig::default());
+    let mut pipeline =
+        Pipeline::<Lio>::with(LioConfig { max_cells: 4096, ..LioConfig::default() }, &Rig::default());
     for frame in &frames {
         frame.feed(&mut pipeline);
     }

@@ -7,6 +7,8 @@ const WEAK_SHARE: f64 = 0.4;
 const WEAK_RESIDUAL: f64 = 0.06;
 /// Features with map around them before a match can be bad.
 const LEAST_IN_VIEW: usize = 60;
+/// Frames in a row with fewer, for whatever reason, after which dead reckoning is called a loss.
+const BLIND_FRAMES: u32 = 10;
 /// Bad frames in a row that are a loss, good ones that end it, and lost ones after which the map is begun anew.
 const LOST_FRAMES: u32 = 3;
 const FOUND_FRAMES: u32 = 5;
@@ -33,6 +35,7 @@ pub(crate) enum Verdict {
 #[derive(Debug, Default, Clone, Copy)]
 pub(crate) struct Monitor {
     weak: u32,
+    blind: u32,
     lost: bool,
     frames_lost: u32,
     frames_found: u32,
@@ -45,18 +48,20 @@ impl Monitor {
         let seen = report.in_view >= LEAST_IN_VIEW;
         let bad = !possible || (seen && (share < WEAK_SHARE || report.residual > WEAK_RESIDUAL));
         if self.lost {
-            return self.while_lost(bad, seen);
+            // Without features there is nothing to lay a new map from.
+            return self.while_lost(bad, seen, report.selected >= LEAST_IN_VIEW);
         }
         self.weak = if bad { self.weak + 1 } else { 0 };
-        if self.weak < LOST_FRAMES {
+        self.blind = if seen { 0 } else { self.blind + 1 };
+        if self.weak < LOST_FRAMES && self.blind < BLIND_FRAMES {
             return if bad { Verdict::Doubtful } else { Verdict::Good };
         }
         *self = Self { lost: true, ..Self::default() };
         Verdict::JustLost
     }
 
-    fn while_lost(&mut self, bad: bool, seen: bool) -> Verdict {
-        self.frames_lost += 1;
+    fn while_lost(&mut self, bad: bool, seen: bool, has_features: bool) -> Verdict {
+        self.frames_lost += u32::from(has_features);
         // An empty view is no proof of anything.
         self.frames_found = if bad || !seen { 0 } else { self.frames_found + 1 };
         if self.frames_found >= FOUND_FRAMES {
@@ -102,9 +107,19 @@ mod tests {
     }
 
     #[test]
-    fn new_ground_without_a_map_is_no_bad_match() {
+    fn new_ground_without_a_map_is_no_bad_match_but_a_second_of_it_is_a_loss() {
         let mut monitor = Monitor::default();
         let new_ground = Report { selected: 1000, in_view: 20, ..Report::default() };
-        assert!((0..10).all(|_| monitor.judge(&new_ground, true) == Verdict::Good));
+        assert!((1..BLIND_FRAMES).all(|_| monitor.judge(&new_ground, true) == Verdict::Good));
+        assert_eq!(monitor.judge(&new_ground, true), Verdict::JustLost);
+    }
+
+    #[test]
+    fn while_nothing_is_seen_at_all_the_old_map_is_kept() {
+        let mut monitor = Monitor::default();
+        let verdicts: Vec<_> = (0..100).map(|_| monitor.judge(&Report::default(), true)).collect();
+        assert!(!verdicts.contains(&Verdict::Restart) && verdicts.contains(&Verdict::JustLost));
+        let verdicts: Vec<_> = (0..5).map(|_| monitor.judge(&report(800, 0.02), true)).collect();
+        assert_eq!(verdicts.last(), Some(&Verdict::Good));
     }
 }
