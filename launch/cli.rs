@@ -39,7 +39,7 @@ pub(crate) enum Command {
     Check(CheckArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, deskewer, lio, octree_mapper, grid_exporter, map_saver"
+        after_help = "Kinds: simulator, replay, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
     )]
     Stage(StageArgs),
     /// Turn a point cloud into an octree file
@@ -82,6 +82,25 @@ pub(crate) enum World {
     Stairwell,
 }
 
+/// Stages that say where the LiDAR is.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum Odometry {
+    /// LiDAR and IMU coupled tightly, point to plane without features.
+    Lio,
+    /// The paper's: features of Loam-Livox, with the IMU for deskewing and as prior.
+    Loam,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct OdometryArgs {
+    /// Which odometry
+    #[arg(long, value_enum, default_value_t = Odometry::Lio)]
+    pub(crate) odometry: Odometry,
+    /// Leave the motion inside the scans; loam then uses no IMU at all (the paper's comparison)
+    #[arg(long)]
+    pub(crate) no_deskewing: bool,
+}
+
 #[derive(Debug, Args)]
 pub(crate) struct DemoArgs {
     /// Folder for the results
@@ -102,6 +121,8 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    #[command(flatten)]
+    pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
     #[arg(long, value_name = "METRES")]
     pub(crate) resolution: Option<f64>,
@@ -138,6 +159,8 @@ pub(crate) struct MapArgs {
     /// Folder for the results
     #[arg(short, long, value_name = "DIR", default_value = "evac-out")]
     pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
     #[arg(long, value_name = "METRES")]
     pub(crate) resolution: Option<f64>,

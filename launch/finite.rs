@@ -12,8 +12,9 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use toml::Value;
 
 use crate::check::check;
-use crate::cli::{DemoArgs, MapArgs, World};
+use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, World};
 use crate::error::LaunchError;
+use crate::registry::ODOMETRIES;
 use crate::summary::{self, Run};
 use crate::supervisor::{Progress, Supervisor, interrupted};
 
@@ -27,6 +28,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     if args.real_time {
         pipeline.mode = Mode::Live;
     }
+    choose(&mut pipeline, &args.odometry);
     let world = match args.world {
         World::Corridor => "corridor",
         World::Hall => "hall",
@@ -58,6 +60,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
     start_logging(&args.log);
     let mut pipeline = Pipeline::parse(Path::new("map.toml"), MAP)?;
     pipeline.rig = args.rig.as_deref().map_or(Ok(Rig::default()), RigFile::read)?;
+    choose(&mut pipeline, &args.odometry);
     let recording = match (&args.bag, &args.lidar) {
         (Some(bag), _) => {
             set(&mut pipeline, "replay", "bag", existing(bag)?);
@@ -174,6 +177,20 @@ impl Bar {
 
     fn end(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+/// Puts the chosen odometry in the place of the pipeline's own.
+fn choose(pipeline: &mut Pipeline, args: &OdometryArgs) {
+    let chosen = match args.odometry {
+        Odometry::Lio => ODOMETRIES[0],
+        Odometry::Loam => ODOMETRIES[1],
+    };
+    for entry in pipeline.stages.iter_mut().filter(|entry| ODOMETRIES.contains(&entry.kind.as_str())) {
+        chosen.clone_into(&mut entry.kind);
+    }
+    if args.no_deskewing {
+        set(pipeline, "deskewer", "enabled", Value::from(false));
     }
 }
 
