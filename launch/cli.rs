@@ -39,7 +39,7 @@ pub(crate) enum Command {
     Check(CheckArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, deskewer, lio, octree_mapper, grid_exporter, map_saver"
+        after_help = "Kinds: simulator, replay, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
     )]
     Stage(StageArgs),
     /// Turn a point cloud into an octree file
@@ -48,7 +48,20 @@ pub(crate) enum Command {
     Convert(ConvertArgs),
     /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
     Experiment(crate::experiment::ExperimentArgs),
+    /// Compare trajectories with the truth
+    ///
+    /// Prints APE, RPE, end drift and the heights' figures of every estimate, and writes evaluation.json, path.png (from
+    /// above) and axes.png (x, y and z over time).
+    #[command(after_help = EVAL_HELP)]
+    Eval(EvalArgs),
 }
+
+const EVAL_HELP: &str = "Trajectories are TUM files, `seconds tx ty tz qx qy qz qw` a line. Figures are defined as evo's:\n  \
+    APE, SE(3) aligned     after the best rigid alignment of all positions (evo_ape --align)\n  \
+    APE, first aligned     after laying the first poses on each other (evo_ape --align_origin)\n  \
+    RPE over 1 s, 1 m      all pairs a second, or a metre of true path, apart (evo_rpe --all_pairs)\n  \
+    z above the start      the ten figures of the paper's Table 1, first poses aligned\n\n\
+    Between poses of the truth at most 1 s apart it is interpolated.";
 
 const MAP_HELP: &str = "Recordings:\n  \
     WALK.bag               ROS 1 bag: livox_ros_driver/CustomMsg or sensor_msgs/PointCloud2, and sensor_msgs/Imu\n  \
@@ -67,6 +80,25 @@ pub(crate) enum World {
     Hall,
     /// Two storeys and the stairs between them.
     Stairwell,
+}
+
+/// Stages that say where the LiDAR is.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(crate) enum Odometry {
+    /// LiDAR and IMU coupled tightly, point to plane without features.
+    Lio,
+    /// The paper's: features of Loam-Livox, with the IMU for deskewing and as prior.
+    Loam,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct OdometryArgs {
+    /// Which odometry
+    #[arg(long, value_enum, default_value_t = Odometry::Lio)]
+    pub(crate) odometry: Odometry,
+    /// Leave the motion inside the scans; loam then uses no IMU at all (the paper's comparison)
+    #[arg(long)]
+    pub(crate) no_deskewing: bool,
 }
 
 #[derive(Debug, Args)]
@@ -89,6 +121,8 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    #[command(flatten)]
+    pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
     #[arg(long, value_name = "METRES")]
     pub(crate) resolution: Option<f64>,
@@ -125,6 +159,8 @@ pub(crate) struct MapArgs {
     /// Folder for the results
     #[arg(short, long, value_name = "DIR", default_value = "evac-out")]
     pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
     #[arg(long, value_name = "METRES")]
     pub(crate) resolution: Option<f64>,
@@ -199,4 +235,23 @@ pub(crate) struct ConvertArgs {
     /// Octree file, .bt (occupied or free) or .ot (log-odds)
     #[arg(short, long, value_name = "MAP.bt|MAP.ot")]
     pub(crate) output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct EvalArgs {
+    /// True trajectory
+    #[arg(value_name = "TRUTH.tum")]
+    pub(crate) truth: PathBuf,
+    /// Estimated trajectories, one column and one line each
+    #[arg(value_name = "ESTIMATE.tum", required = true)]
+    pub(crate) estimates: Vec<PathBuf>,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-eval")]
+    pub(crate) output: PathBuf,
+    /// Print JSON instead of the table
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Compare stamps as they are [default: times since the first pose of each file]
+    #[arg(long)]
+    pub(crate) absolute_time: bool,
 }

@@ -12,8 +12,9 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use toml::Value;
 
 use crate::check::check;
-use crate::cli::{DemoArgs, MapArgs, World};
+use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, World};
 use crate::error::LaunchError;
+use crate::registry::ODOMETRIES;
 use crate::summary::{self, Run};
 use crate::supervisor::{Progress, Supervisor, interrupted};
 
@@ -27,6 +28,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     if args.real_time {
         pipeline.mode = Mode::Live;
     }
+    choose(&mut pipeline, &args.odometry);
     let world = match args.world {
         World::Corridor => "corridor",
         World::Hall => "hall",
@@ -58,6 +60,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
     start_logging(&args.log);
     let mut pipeline = Pipeline::parse(Path::new("map.toml"), MAP)?;
     pipeline.rig = args.rig.as_deref().map_or(Ok(Rig::default()), RigFile::read)?;
+    choose(&mut pipeline, &args.odometry);
     let recording = match (&args.bag, &args.lidar) {
         (Some(bag), _) => {
             set(&mut pipeline, "replay", "bag", existing(bag)?);
@@ -177,13 +180,28 @@ impl Bar {
     }
 }
 
-fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
+/// Puts the chosen odometry in the place of the pipeline's own.
+fn choose(pipeline: &mut Pipeline, args: &OdometryArgs) {
+    let chosen = match args.odometry {
+        Odometry::Lio => ODOMETRIES[0],
+        Odometry::Loam => ODOMETRIES[1],
+    };
+    for entry in pipeline.stages.iter_mut().filter(|entry| ODOMETRIES.contains(&entry.kind.as_str())) {
+        chosen.clone_into(&mut entry.kind);
+    }
+    if args.no_deskewing {
+        set(pipeline, "deskewer", "enabled", Value::from(false));
+    }
+}
+
+/// Sets a key of every stage of a kind.
+pub(crate) fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
     for entry in pipeline.stages.iter_mut().filter(|entry| entry.kind == stage) {
         entry.config.insert(key.to_owned(), value.clone());
     }
 }
 
-fn create_folder(folder: &Path) -> Result<(), LaunchError> {
+pub(crate) fn create_folder(folder: &Path) -> Result<(), LaunchError> {
     std::fs::create_dir_all(folder).map_err(|cause| {
         LaunchError::Path(format!(
             "{}: {cause}; choose a folder that you may write to with -o",

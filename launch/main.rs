@@ -5,6 +5,7 @@ mod cli;
 mod convert;
 mod drift;
 mod error;
+mod eval;
 mod experiment;
 mod finite;
 mod health_board;
@@ -46,5 +47,6 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Stage(args) => registry::run_stage(&args),
         Command::Convert(args) => convert::convert(&args),
         Command::Experiment(args) => experiment::experiment(&args),
+        Command::Eval(args) => eval::eval(&args),
     }
 }

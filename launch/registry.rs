@@ -5,7 +5,7 @@ use evac_deskewer::Deskewer;
 use evac_grid_exporter::GridExporter;
 use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
-use evac_odometry::Lio;
+use evac_odometry::{Lio, Loam};
 use evac_replay::Replay;
 use evac_simulator::Simulator;
 use evac_stage::joins::{DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin};
@@ -40,13 +40,17 @@ pub(crate) struct Kind {
     run: fn(&RunOptions) -> Result<(), RunError>,
 }
 
+/// Kinds of which a pipeline has one: they say where the LiDAR is.
+pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
+
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 7] {
+pub(crate) fn kinds() -> [Kind; 8] {
     [
         source::<Simulator>(),
         source::<Replay>(),
         stage::<Deskewer, RawScanWithImu>(Role::Processor),
         stage::<Lio, DeskewedScanWithImu>(Role::Processor),
+        stage::<Loam, DeskewedScanWithImu>(Role::Processor),
         stage::<OctreeMapper, ScanPoseJoin>(Role::Processor),
         stage::<GridExporter, PlanJoin>(Role::Consumer),
         stage::<MapSaver, SinkJoin>(Role::Consumer),

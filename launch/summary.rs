@@ -11,6 +11,7 @@ use serde_json::{Map, Value, json};
 use crate::drift::{Drift, drift};
 use crate::error::LaunchError;
 use crate::health_board::{HealthBoard, frames_json, latency_json};
+use crate::registry::ODOMETRIES;
 
 /// Files that a run leaves in its folder, in the order in which they are listed.
 const OUTPUTS: &[&str] =
@@ -41,7 +42,13 @@ pub(crate) fn write(
         None if run.command == "demo" => Some(tum::read(&own_truth)?),
         None => None,
     };
-    let drift = truth.and_then(|truth| drift(&truth, &trajectory));
+    let drift = truth.and_then(|truth| {
+        // The maps are there all the same.
+        drift(&truth, &trajectory).unwrap_or_else(|cause| {
+            eprintln!("no drift in the summary: {cause}");
+            None
+        })
+    });
     let lost: u64 = board.all().map(|(_, health)| health.lost + health.late).sum();
     let stages: Map<String, Value> = board
         .all()
@@ -49,7 +56,9 @@ pub(crate) fn write(
             (name.to_owned(), json!({ "frames": frames_json(health), "latency": latency_json(health) }))
         })
         .collect();
-    let end_to_end = board.get("lio").map(|health| latency_json(health)["end_to_end"].clone());
+    let odometry = pipeline.stages.iter().find(|entry| ODOMETRIES.contains(&entry.kind.as_str()));
+    let odometry = odometry.map_or("", |entry| entry.name());
+    let end_to_end = board.get(odometry).map(|health| latency_json(health)["end_to_end"].clone());
     let summary = json!({
         "evac": env!("CARGO_PKG_VERSION"),
         "middleware": evac_ports::MIDDLEWARE,
@@ -64,7 +73,7 @@ pub(crate) fn write(
         "configuration": serde_json::to_value(pipeline).unwrap_or(Value::Null),
     });
     write_atomically(&run.output.join("summary.json"), |writer| writeln!(writer, "{summary:#}"))?;
-    print(run, trajectory.len(), lost, drift.as_ref(), board, took);
+    print(run, trajectory.len(), lost, drift.as_ref(), (board, odometry), took);
     Ok(())
 }
 
@@ -73,7 +82,7 @@ fn print(
     frames: usize,
     lost: u64,
     drift: Option<&Drift>,
-    board: &HealthBoard,
+    (board, odometry): (&HealthBoard, &str),
     took: Duration,
 ) {
     let seconds = took.as_secs_f64();
@@ -97,7 +106,7 @@ fn print(
         if health.degraded > 0 {
             println!("  {name}: {} frames degraded", health.degraded);
         }
-        if name == "lio" {
+        if name == odometry {
             let latency = health.end_to_end;
             println!(
                 "last point to pose {:.1} ms (median), {:.1} ms (p99), {:.1} ms (most)",

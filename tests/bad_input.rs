@@ -132,7 +132,9 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_expected() {
 #[test]
 fn every_stage_prints_a_configuration_that_it_accepts() {
     let bench = Bench::new();
-    for kind in ["simulator", "replay", "deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"] {
+    for kind in
+        ["simulator", "replay", "deskewer", "lio", "loam", "octree_mapper", "grid_exporter", "map_saver"]
+    {
         let printed = bench.run(["stage", kind, "--print-config"]);
         if kind == "replay" {
             // Without a recording there is nothing to replay.

@@ -1,11 +1,11 @@
 //! One line a run.
 
-use evac_experiments::{Figures, Trajectory, Verdict};
+use evac_experiments::report::Run;
 
 /// Names of the columns.
-pub(crate) fn head() -> String {
+pub(super) fn head() -> String {
     format!(
-        "{:<20} {:<18} {:>6} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>6} {:>6} {:>5} {:>5} {:>5} {:>5} {:>6} {:>6} {:>6}  {}",
+        "{:<18} {:<17} {:>6} {:>6} {:>7} {:>7} {:>7} {:>7} {:>7} {:>7} {:>6} {:>6} {:>6} {:>5} {:>5} {:>5} {:>4} {:>6} {:>6} {:>6}  {}",
         "walk",
         "fault",
         "frames",
@@ -30,13 +30,17 @@ pub(crate) fn head() -> String {
     )
 }
 
-pub(crate) fn of(walk: &str, fault: &str, run: &Trajectory, figures: &Figures) -> String {
-    let verdict = match (Verdict::of(run, figures), &run.refused) {
-        (Verdict::Refused, Some(cause)) => format!("refused: {cause}"),
-        (verdict, _) => format!("{verdict:?}").to_lowercase(),
+/// The figures of a run below them.
+pub(super) fn of(run: &Run) -> String {
+    let figures = &run.figures;
+    let verdict = match &run.refused {
+        Some(cause) => format!("refused: {cause}"),
+        None => run.verdict.word().to_owned(),
     };
     format!(
-        "{walk:<20} {fault:<18} {:>6} {:>6.1} {:>7.4} {:>7.4} {:>7.4} {:>7.3} {:>7.3} {:>7.4} {:>6.3} {:>6.3} {:>6.3} {:>5} {:>5} {:>5.1} {:>5} {:>6.2} {:>6.2} {:>6.2}  {verdict}",
+        "{:<18} {:<17} {:>6} {:>6.1} {:>7.4} {:>7.4} {:>7.4} {:>7.3} {:>7.3} {:>7.4} {:>6.3} {:>6.3} {:>6.3} {:>5} {:>5} {:>5.1} {:>4} {:>6.2} {:>6.2} {:>6.2}  {verdict}",
+        run.walk,
+        run.fault.name(),
         figures.frames,
         figures.path_m,
         figures.ape_m,
@@ -49,9 +53,9 @@ pub(crate) fn of(walk: &str, fault: &str, run: &Trajectory, figures: &Figures) -
         figures.within_3_mahalanobis,
         figures.jump_m,
         figures.degenerate,
-        figures.lost,
-        figures.recovery_s,
-        if figures.said_in_time { "yes" } else { "no" },
+        figures.losses.frames,
+        figures.losses.recovery_s,
+        if figures.losses.said_in_time { "yes" } else { "no" },
         figures.median_ms,
         figures.p99_ms,
         figures.deskewer_median_ms,

@@ -2,110 +2,88 @@
 
 mod cli;
 mod line;
+mod process;
+mod runs;
+mod soak;
+mod soak_report;
+mod table1;
 
-use std::path::{Path, PathBuf};
+use std::io::Write as _;
+use std::path::Path;
 
-use evac_experiments::{
-    ExperimentError, Fault, Figures, Settings, Source, Trajectory, catalogue, in_threads, recorded, run,
-};
+use evac_experiments::report::{Report, accuracy, honesty, robustness};
+use evac_experiments::{ExperimentError, Fault};
+use evac_formats::write_atomically;
 use evac_stage::RunError;
+use serde_json::json;
 
 pub(crate) use cli::ExperimentArgs;
-use cli::{Experiment, Selection, WalksArgs};
+use cli::{Experiment, FaultsArgs, HonestyArgs, Selection, WalksArgs};
+use runs::{each_run, faults};
 
 use crate::error::LaunchError;
+use crate::finite::create_folder;
 
 /// `evac experiment`.
 pub(crate) fn experiment(args: &ExperimentArgs) -> Result<(), LaunchError> {
     match &args.experiment {
         Experiment::Walks(args) => walks(args),
+        Experiment::Faults(args) => laid_over(args),
+        Experiment::Honesty(args) => told(args),
+        Experiment::Table1(args) => table1::table1(args),
+        Experiment::Soak(args) => soak::soak(args),
     }
 }
 
 fn walks(args: &WalksArgs) -> Result<(), LaunchError> {
     let faults = faults(&args.fault)?;
     println!("{}", line::head());
-    each_run(&args.selection, &faults, |source, fault, trajectory, figures| {
-        println!("{}", line::of(&source.name, &fault.name(), trajectory, figures));
-    })
+    let runs = each_run(&args.selection, &faults, |run| println!("{}", line::of(run)))?;
+    let report = accuracy(&runs);
+    println!("\n{}", report.limits);
+    write(&args.selection, "walks", &report)
 }
 
-/// Runs every selected walk with every fault and hands the results over in the order of the walks, then of the faults.
-fn each_run(
-    selection: &Selection,
-    faults: &[Fault],
-    mut done: impl FnMut(&Source, Fault, &Trajectory, &Figures) + Send,
-) -> Result<(), LaunchError> {
-    let mut settings = Settings::default();
-    for assignment in &selection.set {
-        settings.set(assignment)?;
-    }
-    let sources = sources(selection)?;
-    let mut failure = None;
-    let work = |index: usize| -> Result<Vec<(Trajectory, Figures)>, ExperimentError> {
-        let Some(source) = sources.get(index) else { return Ok(Vec::new()) };
-        let walk = source.load(selection.duration)?;
-        let runs = faults.iter().map(|fault| {
-            let trajectory = run(&fault.applied(&walk, selection.seed), &settings);
-            let figures = Figures::of(&trajectory);
-            (trajectory, figures)
-        });
-        Ok(runs.collect())
-    };
-    in_threads(sources.len(), selection.threads, work, |index, results| match results {
-        Ok(results) => {
-            for (fault, (trajectory, figures)) in faults.iter().zip(&results) {
-                if let Some(source) = sources.get(index) {
-                    done(source, *fault, trajectory, figures);
-                }
-            }
-        }
-        Err(error) => failure = failure.take().or(Some(error)),
+fn laid_over(args: &FaultsArgs) -> Result<(), LaunchError> {
+    let faults = faults(&args.fault)?;
+    println!("{}", line::head());
+    let runs = each_run(&args.selection, &faults, |run| println!("{}", line::of(run)))?;
+    let report = robustness(&runs);
+    println!("\n{}\n{}", report.table, report.limits);
+    write(&args.selection, "faults", &report)
+}
+
+fn told(args: &HonestyArgs) -> Result<(), LaunchError> {
+    let runs = each_run(&args.selection, &[Fault::None], |_| ())?;
+    let report = honesty(&runs);
+    println!("{}\n{}", report.table, report.limits);
+    write(&args.selection, "honesty", &report)
+}
+
+/// Writes `NAME.md` and `NAME.json` where a folder was named.
+fn write(selection: &Selection, name: &str, report: &Report) -> Result<(), LaunchError> {
+    let Some(folder) = &selection.output else { return Ok(()) };
+    create_folder(folder)?;
+    let set = selection.set.iter().map(|assignment| format!(" --set {assignment}")).collect::<String>();
+    let markdown = format!("`evac experiment {name}{set}`\n\n{}\n{}", report.table, report.limits);
+    let whole = json!({
+        "evac": env!("CARGO_PKG_VERSION"),
+        "experiment": name,
+        "set": selection.set,
+        "seed": selection.seed,
+        "duration_s": selection.duration,
+        "acceptance": report.acceptance,
+        "runs": report.runs,
     });
-    failure.map_or(Ok(()), |error| Err(error.into()))
+    write_text(&folder.join(format!("{name}.md")), &markdown)?;
+    write_text(&folder.join(format!("{name}.json")), &format!("{whole:#}\n"))
 }
 
-/// The walks to run.
-fn sources(selection: &Selection) -> Result<Vec<Source>, LaunchError> {
-    let data = data_folder(selection.data.as_deref());
-    let mut sources = recorded(&data);
-    if sources.is_empty() {
-        eprintln!("the recorded walks are left out: {} has none; set --data or EVAC_DATA", data.display());
-    }
-    sources.extend(catalogue());
-    if let Some(part) = &selection.only {
-        let names: Vec<_> = sources.iter().map(|source| source.name.clone()).collect();
-        sources.retain(|source| source.name.contains(part.as_str()));
-        if sources.is_empty() {
-            return Err(usage(format!(
-                "--only {part}: no walk has that in its name; the walks are {}",
-                names.join(", ")
-            )));
-        }
-    }
-    Ok(sources)
-}
-
-fn data_folder(given: Option<&Path>) -> PathBuf {
-    match given {
-        Some(folder) => folder.to_owned(),
-        None => std::env::var_os("EVAC_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from),
-    }
-}
-
-fn faults(name: &str) -> Result<Vec<Fault>, LaunchError> {
-    if name == "all" {
-        return Ok(Fault::ALL.to_vec());
-    }
-    let chosen: Vec<_> = Fault::ALL.into_iter().filter(|fault| fault.name() == name).collect();
-    if chosen.is_empty() {
-        let names: Vec<_> = Fault::ALL.iter().map(|fault| fault.name()).collect();
-        return Err(usage(format!(
-            "--fault {name}: there is no such fault; the faults are all, {}",
-            names.join(", ")
-        )));
-    }
-    Ok(chosen)
+/// Writes a file whole or not at all, and says so.
+fn write_text(path: &Path, text: &str) -> Result<(), LaunchError> {
+    write_atomically(path, |writer| writer.write_all(text.as_bytes()))?;
+    println!("{}", path.display());
+    Ok(())
 }
 
 fn usage(cause: String) -> LaunchError {

@@ -3,13 +3,16 @@
 use std::time::Instant;
 
 use evac_deskewer::Deskewer;
-use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader, frame_flags};
+use evac_evaluation::Pairs;
+use evac_frames::{PoseFrame, TrackingState, frame_flags};
 use evac_geometry::nalgebra::Isometry3;
 use evac_odometry::Lio;
 use evac_stage::{Counters, PoseOutput, Rig, ScanOutput, ScanWithImu, Stage, StageError};
 
+use crate::loss::pairs;
 use crate::settings::OdometryKind;
-use crate::{Settings, Walk};
+use crate::walls::{Wall, blank_wall};
+use crate::{Frame, Settings, Walk};
 
 /// What came out for one frame.
 #[derive(Debug, Clone, Copy)]
@@ -18,6 +21,8 @@ pub struct FrameResult {
     pub pose: PoseFrame,
     /// True pose of the LiDAR at the frame's end.
     pub truth: Isometry3<f64>,
+    /// The blank wall that the scan shows, if it shows nothing else.
+    pub wall: Option<Wall>,
     /// Time that the deskewer took, milliseconds.
     pub deskewer_ms: f64,
     /// Time that the odometry took, milliseconds.
@@ -33,6 +38,22 @@ pub struct Trajectory {
     pub refused: Option<String>,
     /// What the odometry counted, for people.
     pub diagnostics: String,
+}
+
+impl Trajectory {
+    /// The frames from the first one with a pose on.
+    pub fn tracked(&self) -> &[FrameResult] {
+        let waiting = |frame: &&FrameResult| frame.pose.state == TrackingState::Initialising as u32;
+        let before = self.frames.iter().take_while(waiting).count();
+        self.frames.get(before..).unwrap_or_default()
+    }
+}
+
+impl Trajectory {
+    /// True and published poses from the first pose on; `None` where there is none or one is not finite.
+    pub fn pairs(&self) -> Option<Pairs> {
+        pairs(self.tracked())
+    }
 }
 
 /// Runs a walk with the rig that it names.
@@ -53,29 +74,22 @@ fn run_stage<S>(
 where
     S: for<'a> Stage<Input<'a> = ScanWithImu<'a>, Output = PoseOutput>,
 {
-    let mut trajectory =
-        Trajectory { frames: Vec::with_capacity(walk.frames.len()), ..Trajectory::default() };
-    match Pipeline::<S>::new(settings, config, &walk.rig) {
-        Ok(mut pipeline) => {
-            for frame in &walk.frames {
-                match pipeline.feed(&frame.header, &frame.points, &frame.imu) {
-                    Ok((pose, deskewer_ms, odometry_ms)) => trajectory.frames.push(FrameResult {
-                        pose,
-                        truth: frame.truth,
-                        deskewer_ms,
-                        odometry_ms,
-                    }),
-                    Err(cause) => {
-                        trajectory.refused = Some(cause.to_string());
-                        break;
-                    }
-                }
+    let mut run = Trajectory { frames: Vec::with_capacity(walk.frames.len()), ..Trajectory::default() };
+    let mut pipeline = match Pipeline::<S>::new(settings, config, &walk.rig) {
+        Ok(pipeline) => pipeline,
+        Err(cause) => return Trajectory { refused: Some(cause.to_string()), ..run },
+    };
+    for frame in &walk.frames {
+        match pipeline.feed(frame) {
+            Ok(result) => run.frames.push(result),
+            Err(cause) => {
+                run.refused = Some(cause.to_string());
+                break;
             }
-            trajectory.diagnostics = diagnostics(&pipeline.odometry);
         }
-        Err(cause) => trajectory.refused = Some(cause.to_string()),
     }
-    trajectory
+    run.diagnostics = diagnostics(&pipeline.odometry);
+    run
 }
 
 struct Pipeline<S> {
@@ -102,13 +116,8 @@ where
         })
     }
 
-    /// One frame in, its pose and the milliseconds of both stages out.
-    fn feed(
-        &mut self,
-        header: &ScanHeader,
-        points: &[Point],
-        imu: &[ImuSample],
-    ) -> Result<(PoseFrame, f64, f64), StageError> {
+    fn feed(&mut self, frame: &Frame) -> Result<FrameResult, StageError> {
+        let Frame { header, points, imu, truth } = frame;
         let prior = self.poses.memory.last().copied();
         // The run loop waits for cover; after the stream's last sample there is nothing to wait for.
         let imu_covers = imu.last().is_some_and(|last| {
@@ -116,22 +125,18 @@ where
         });
         let input = ScanWithImu { header, points, imu, imu_covers, prior: prior.as_ref() };
         let started = Instant::now();
-        let deskewed = match &mut self.deskewer {
-            Some(deskewer) => {
-                deskewer.process(input, &mut self.scans, &mut Counters::default())?;
-                self.scans.memory.last()
-            }
-            None => None,
-        };
+        if let Some(deskewer) = &mut self.deskewer {
+            deskewer.process(input, &mut self.scans, &mut Counters::default())?;
+        }
         let deskewer_ms = milliseconds(started);
-        let (header, points) =
-            deskewed.map_or((header, points), |(header, points)| (header, points.as_slice()));
+        let deskewed = self.deskewer.as_ref().and(self.scans.memory.last());
+        let (header, points) = deskewed.map_or((header, &points[..]), |(header, points)| (header, points));
         let input = ScanWithImu { header, points, imu, imu_covers, prior: None };
         let started = Instant::now();
         self.odometry.process(input, &mut self.poses, &mut Counters::default())?;
         let odometry_ms = milliseconds(started);
         let pose = self.poses.memory.last().copied().unwrap_or_default();
-        Ok((pose, deskewer_ms, odometry_ms))
+        Ok(FrameResult { pose, truth: *truth, wall: blank_wall(points), deskewer_ms, odometry_ms })
     }
 }
 

@@ -40,7 +40,7 @@ impl Settings {
             return Err(wrong("write STAGE.KEY=VALUE, for example lio.range_noise_m=0.03".to_owned()));
         };
         let parsed: Table =
-            toml::from_str(&format!("value = {value}")).map_err(|cause| wrong(cause.to_string()))?;
+            toml::from_str(&format!("value = {value}")).map_err(|cause| wrong(cause.message().to_owned()))?;
         let value = parsed.get("value").cloned().unwrap_or(Value::Boolean(false));
         match stage.trim() {
             "lio" => self.lio = changed(&self.lio, key.trim(), value).map_err(wrong)?,

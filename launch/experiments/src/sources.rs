@@ -91,25 +91,28 @@ pub fn recorded(data: &Path) -> Vec<Source> {
         .collect()
 }
 
-/// The simulated walks.
+/// The simulated walks: the simulator's catalogue, and its three built worlds.
 pub fn catalogue() -> Vec<Source> {
-    let worlds =
-        [("corridor", WorldKind::Corridor), ("hall", WorldKind::Hall), ("stairwell", WorldKind::Stairwell)];
-    let mut sources = Vec::new();
-    for seed in 21..=24 {
-        for (name, world) in worlds {
-            let config = Config { world, seed, gait: 0.5 + 0.4 * (seed - 21) as f64, ..Config::default() };
-            let tilt = seed as f64 - 22.5;
-            let imu_from_lidar = ImuFromLidar {
-                translation_m: [0.04, -0.03, 0.05],
-                roll_pitch_yaw_deg: [0.5 * tilt, -0.8 * tilt, 1.5 * tilt],
-            };
-            sources.push(Source {
-                name: format!("{name}-{seed}"),
-                group: Group::Boxes,
-                kind: Kind::Simulation(Box::new((config, Rig { imu_from_lidar }))),
-            });
-        }
-    }
-    sources
+    let rig = Rig {
+        imu_from_lidar: ImuFromLidar {
+            translation_m: [0.05, -0.02, 0.06],
+            roll_pitch_yaw_deg: [0.5, -1.0, 1.5],
+        },
+    };
+    let built = [
+        ("corridor_21", Config { world: WorldKind::Corridor, seed: 21, ..Config::default() }),
+        ("hall_22", Config { world: WorldKind::Hall, seed: 22, ..Config::default() }),
+        ("stairwell_23", Config { world: WorldKind::Stairwell, seed: 23, ..Config::default() }),
+    ];
+    let built = built.into_iter().map(|(name, config)| Source {
+        name: name.to_owned(),
+        group: Group::Boxes,
+        kind: Kind::Simulation(Box::new((config, rig))),
+    });
+    let drawn = evac_simulator::catalogue().into_iter().map(|walk| Source {
+        name: walk.name,
+        group: if walk.group == evac_simulator::Group::Boxes { Group::Boxes } else { Group::Rough },
+        kind: Kind::Simulation(Box::new((walk.config, walk.rig))),
+    });
+    built.chain(drawn).collect()
 }

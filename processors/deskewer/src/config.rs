@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DeskewerConfig {
+    /// Deskew at all. Without, points pass as they came and the header says neither `DESKEWED` nor `IMU_MISSING`; an
+    /// odometry must then cope with the motion inside the scan itself. For comparisons.
+    pub enabled: bool,
     /// Nearer returns are dropped, metres: they come from the sensor's window, the rig and its carrier.
     pub min_range_m: f32,
     /// Farther returns are dropped, metres: the Mid-40's data sheet promises none beyond 260 m.
@@ -28,6 +31,7 @@ pub struct DeskewerConfig {
 impl Default for DeskewerConfig {
     fn default() -> Self {
         Self {
+            enabled: true,
             min_range_m: 0.3,
             max_range_m: 260.0,
             use_prior: true,

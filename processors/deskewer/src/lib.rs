@@ -8,6 +8,7 @@
 //!
 //! Where the IMU does not cover a scan the points pass as they came, the header says `IMU_MISSING` and not
 //! `DESKEWED`, and the frame counts as degraded. A scan is never deskewed in part: a cloud in two frames of reference helps nobody.
+//! With `enabled = false` all scans pass that way, as wanted and so without a complaint.
 
 mod back_projection;
 mod config;
@@ -24,6 +25,7 @@ use crate::motion::Motion;
 /// The stage.
 #[derive(Debug)]
 pub struct Deskewer {
+    enabled: bool,
     imu_from_lidar: Isometry3<f64>,
     window: RangeWindow,
     motion: Motion,
@@ -52,11 +54,13 @@ impl Deskewer {
         header.points = tally.kept;
         counters.rejected += u64::from(tally.rejected);
 
+        let enabled = self.enabled;
         let back_projection = self.back_projection_for(input);
         let was_deskewed = header.scan_flags & scan_flags::DESKEWED != 0;
         match &back_projection {
             _ if was_deskewed => {}
             Some(_) => header.scan_flags |= scan_flags::DESKEWED,
+            None if !enabled => {}
             None => {
                 header.scan_flags |= scan_flags::IMU_MISSING;
                 counters.degraded += 1;
@@ -67,6 +71,9 @@ impl Deskewer {
     }
 
     fn back_projection_for(&mut self, input: &ScanWithImu<'_>) -> Option<&BackProjection> {
+        if !self.enabled {
+            return None;
+        }
         let motion = self.motion.follow(input)?;
         let frame = &input.header.frame;
         self.back_projection.tabulate(motion, &self.imu_from_lidar, frame.start_ns, frame.end_ns);
@@ -89,6 +96,7 @@ impl Stage for Deskewer {
             ));
         }
         Ok(Self {
+            enabled: config.enabled,
             imu_from_lidar,
             window: RangeWindow::new(&config),
             motion: Motion::new(config),

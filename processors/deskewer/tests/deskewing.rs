@@ -59,6 +59,16 @@ fn at_130_deg_per_s_and_1_5_m_per_s_walls_30_m_away_come_out_flat_to_a_millimetr
 }
 
 #[test]
+fn switched_off_it_passes_scans_as_they_came_and_complains_of_nothing() {
+    let motion = Motion::walking();
+    let recording = motion.scan(20);
+    let mut stage =
+        Deskewer::new(DeskewerConfig { enabled: false, ..DeskewerConfig::default() }, &motion.rig).unwrap();
+    let (header, points, counters) = run(&mut stage, recording.input());
+    assert_eq!((header.scan_flags, points, counters), (0, recording.points, Counters::default()));
+}
+
+#[test]
 fn a_steady_turn_alone_is_undone_to_less_than_a_millimetre_at_30_metres() {
     let motion = Motion::turning();
     let recording = motion.scan(25);

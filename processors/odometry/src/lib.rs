@@ -7,6 +7,12 @@
 //! about the viewing axis unobserved. The filter is given honest information there (inflated point noise, each plane's
 //! own error counted once), never inverts it, and so leaves the unobserved directions to the IMU and says which they are.
 
+//!
+//! [`Loam`] (stage `loam`) is the method of the paper: edge and surface features of Loam-Livox matched with a local map, on
+//! scans that were deskewed by the IMU or, for comparison, on raw ones.
+
 mod lio;
+mod loam;
 
 pub use lio::{Diagnostics, Lio, LioConfig};
+pub use loam::{Loam, LoamConfig, LoamDiagnostics};

@@ -158,7 +158,7 @@ fn a_gap_of_sixty_milliseconds_in_the_imu_is_bridged_and_counted() {
         frame.imu.retain(|sample| !(4_320_000_000..4_380_000_000).contains(&sample.stamp_ns));
     }
     let pipeline = run(&frames);
-    assert_eq!(pipeline.lio.diagnostics().imu_gaps, 1);
+    assert_eq!(pipeline.odometry.diagnostics().imu_gaps, 1);
     let (metres, degrees) = end_error(&pipeline, &frames);
     assert!(metres < 0.02 && degrees < 0.15, "{metres} m, {degrees} deg");
 }
@@ -197,7 +197,7 @@ fn a_second_without_lidar_costs_nothing() {
     let pipeline = run(&frames);
     let (metres, degrees) = end_error(&pipeline, &frames);
     assert!(metres < 0.02 && degrees < 0.15, "{metres} m, {degrees} deg");
-    assert_eq!(pipeline.lio.diagnostics().losses, 0);
+    assert_eq!(pipeline.odometry.diagnostics().losses, 0);
 }
 
 #[test]
@@ -223,7 +223,7 @@ fn an_imu_that_lies_makes_a_loss_which_is_said_and_mended() {
     let states: Vec<_> = pipeline.trajectory().iter().map(|pose| pose.tracking_state().unwrap()).collect();
     assert!(states.contains(&TrackingState::Lost));
     assert_eq!(states.last(), Some(&TrackingState::Tracking));
-    assert!(pipeline.lio.diagnostics().losses >= 1);
+    assert!(pipeline.odometry.diagnostics().losses >= 1);
     let lost = states.iter().filter(|state| **state == TrackingState::Lost).count();
     assert_eq!(pipeline.counters.degraded, lost as u64);
     let limit = LioConfig::default().max_speed_m_s;
@@ -241,7 +241,7 @@ fn people_who_walk_through_the_view_do_not_take_the_pose_along() {
     let pipeline = run(&frames);
     let (metres, degrees) = end_error(&pipeline, &frames);
     assert!(metres < 0.03 && degrees < 0.2, "{metres} m, {degrees} deg");
-    assert_eq!(pipeline.lio.diagnostics().losses, 0);
+    assert_eq!(pipeline.odometry.diagnostics().losses, 0);
 }
 
 #[test]
@@ -297,7 +297,7 @@ fn a_start_in_motion_is_made_after_a_while_with_larger_uncertainty() {
         )
     });
     let pipeline = run(&frames);
-    assert!(!pipeline.lio.diagnostics().started_standing);
+    assert!(!pipeline.odometry.diagnostics().started_standing);
     let first = pipeline.trajectory().iter().position(|pose| pose.state != 0).unwrap();
     assert!((30..60).contains(&first), "first pose at frame {first}");
     let (metres, degrees) = end_error(&pipeline, &frames);
@@ -328,11 +328,12 @@ fn the_published_covariance_is_symmetric_and_positive() {
 fn a_full_map_gives_up_old_cells_and_goes_on() {
     let frames = Room { max: Vector3::new(14.0, 3.0, 1.8), ..Room::new(19) }
         .frames(12.0, glide(Vector3::new(8.0, 0.0, 0.0), 0.0, 9.0));
-    let mut pipeline = Pipeline::with(LioConfig { max_cells: 4096, ..LioConfig::default() }, &Rig::default());
+    let mut pipeline =
+        Pipeline::<Lio>::with(LioConfig { max_cells: 4096, ..LioConfig::default() }, &Rig::default());
     for frame in &frames {
         frame.feed(&mut pipeline);
     }
-    let diagnostics = pipeline.lio.diagnostics();
+    let diagnostics = pipeline.odometry.diagnostics();
     assert!(diagnostics.map_cells <= 4096 && diagnostics.evicted_cells > 0, "{diagnostics:?}");
     let (metres, degrees) = end_error(&pipeline, &frames);
     assert!(metres < 0.08 && degrees < 0.3, "{metres} m, {degrees} deg");

@@ -73,6 +73,9 @@ pub struct Config {
     pub seed: u64,
     /// Begins the data in mid-stride: the standstill at the start and the first 1.5 s of walking are left out.
     pub start_walking: bool,
+    /// Times that the route is walked; after each the walker goes straight back to its start, so more than one is for routes that
+    /// end near it: those of `corridor` and `hall`.
+    pub laps: u32,
     /// Ends the walk early, seconds; the whole walk where it is absent.
     pub duration_s: Option<f64>,
     /// Walking speed on straight legs, m/s.
@@ -129,6 +132,7 @@ impl Default for Config {
             roughness_m: None,
             seed: 1,
             start_walking: false,
+            laps: 1,
             duration_s: None,
             speed_m_s: 1.1,
             turn_rate_dps: 85.0,
@@ -157,6 +161,7 @@ impl Default for Config {
 impl StageConfig for Config {
     fn check(&self) -> Result<(), String> {
         let ranges = [
+            ("laps", f64::from(self.laps), 1.0, 1000.0),
             ("duration_s", self.duration_s.unwrap_or(1.0), 0.1, 3600.0),
             ("roughness_m", self.roughness_m.unwrap_or(0.0), 0.0, 0.05),
             ("speed_m_s", self.speed_m_s, 0.1, 3.0),

@@ -50,7 +50,7 @@ fn hidden(point: &Point, centre: &Vector3<f64>, noise: f64) -> Point {
 /// Distance along the ray through `place` at which it meets the cylinder, if before `place`.
 fn cylinder(place: &Vector3<f64>, centre: &Vector3<f64>) -> Option<f64> {
     let range = place.norm();
-    if !(range > 0.0) {
+    if range.is_nan() || range <= 0.0 {
         return None;
     }
     let beam = place / range;

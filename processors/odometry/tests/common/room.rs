@@ -4,7 +4,7 @@ use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader, frame_flags};
 use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use evac_geometry::{STANDARD_GRAVITY, log_so3};
 
-use super::Pipeline;
+use super::{Odometry, Pipeline};
 
 const FRAME_NS: i64 = 100_000_000;
 const SHOT_NS: i64 = 10_000;
@@ -118,7 +118,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    pub fn feed(&self, pipeline: &mut Pipeline) -> PoseFrame {
+    pub fn feed<S: Odometry>(&self, pipeline: &mut Pipeline<S>) -> PoseFrame {
         pipeline.feed(&self.header, &self.points, &self.imu)
     }
 }

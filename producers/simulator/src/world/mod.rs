@@ -76,7 +76,7 @@ impl World {
             WorldKind::Shaft => toured(shaft::build(config.building), start),
             WorldKind::SemiReal => toured(measured::build(&config.clouds, &config.way_points_m)?, start),
         };
-        Ok((Self::new(site, config.roughness(), config.building), route))
+        Ok((Self::new(site, config.roughness(), config.building), route.laps(config.laps)))
     }
 
     fn new(site: Site, roughness_m: f64, seed: u64) -> Self {
