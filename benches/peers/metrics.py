@@ -13,7 +13,7 @@ _EDGE_NS = 1_000_000
 is extrapolated."""
 
 SETTLED_NS = 2_000_000_000
-"""Time after the start of the truth at which a filter should have settled; in all walks here the walker still stands."""
+"""From the start of the truth until a filter should have settled; in the usual walks the walker still stands."""
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from recording.walk import Walk
 
 NAME = "evac"
 _LOOK_EVERY_S = 0.01
+_PATIENCE_S = 20.0
 _ODOMETRY = ("deskewer", "lio")
 """The stages that do what a peer does. The others read the recording, build the maps and write files."""
 
@@ -54,14 +55,23 @@ def run(evac: Path, walk: Walk, output: Path, timeout_s: float, extra: Sequence[
         while process.poll() is None:
             watch.look()
             if time.monotonic() > deadline:
-                process.terminate()
-                process.wait()
+                _end(process)
                 raise subprocess.TimeoutExpired(command, timeout_s)
             time.sleep(_LOOK_EVERY_S)
     if process.returncode != 0:
         raise subprocess.CalledProcessError(process.returncode, command)
     summary = json.loads((output / "summary.json").read_text())
     return _figures(summary, list(watch.seen.values()))
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """As an operator would; its stages end with it in either case."""
+    process.terminate()
+    try:
+        process.wait(_PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _figures(summary: dict[str, Any], usages: list[processes.Usage]) -> dict[str, Any]:
