@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -35,7 +36,8 @@ class Result:
 
 def run(system: str, walk: Walk, evac: Path, output: Path, timeout_s: float) -> Result:
     """Runs it in processes of its own. A crash, a time-out and a useless trajectory are results too."""
-    output.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(output, ignore_errors=True)
+    output.mkdir(parents=True)
     figures: dict[str, Any] = {}
     try:
         if system == ours.NAME:
@@ -49,7 +51,10 @@ def run(system: str, walk: Walk, evac: Path, output: Path, timeout_s: float) -> 
         reason = f"crashed ({_ending(error.returncode)}): {_last_line(output / 'log.txt')}"
         return Result(walk.name, system, figures, None, reason)
     except ValueError as error:
-        return Result(walk.name, system, figures, None, str(error))
+        return Result(walk.name, system, figures, None, figures.get("failure") or str(error))
+    if figures.get("failure"):
+        until = f"after {figures['frames']} frames, APE until then {accuracy.ape_rmse_m:.3f} m"
+        return Result(walk.name, system, figures, None, f"crashed {until}: {figures['failure']}")
     return Result(walk.name, system, figures, accuracy, None)
 
 
