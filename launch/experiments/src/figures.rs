@@ -34,7 +34,7 @@ pub struct Figures {
     /// Standard deviation of the height's error after SE(3) alignment, metres.
     pub z_std_m: f64,
     /// Share of frames whose position error is within three standard deviations of the published position along its
-    /// worst axis; place and heading of the first pose are laid over the truth's.
+    /// worst axis; counted from the first pose.
     pub within_3_sigma: f64,
     /// The same along the error's own direction: its Mahalanobis length is at most 3.
     pub within_3_mahalanobis: f64,

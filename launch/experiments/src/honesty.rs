@@ -1,23 +1,20 @@
 //! Whether errors are as large as the odometry says.
 
 use evac_geometry::map_from_lidar;
-use evac_geometry::nalgebra::{Matrix3, SymmetricEigen, UnitQuaternion, Vector3};
+use evac_geometry::nalgebra::{Matrix3, SymmetricEigen};
 
 use crate::FrameResult;
 
 /// Shares of frames with a position error within three of the published standard deviations: along the worst axis, and along the
-/// error itself. Map and truth are both level, so only place and heading of the first pose are laid over each other.
+/// error itself. Errors count from the first pose, position and orientation, as the published covariance does.
 pub(crate) fn honesty(frames: &[FrameResult]) -> (f64, f64) {
     let Some(first) = frames.first() else { return (0.0, 0.0) };
-    let start = map_from_lidar(&first.pose);
-    let q = first.truth.rotation * start.rotation.inverse();
-    let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 2.0 * q.k.atan2(q.w));
+    let map_from_truth = map_from_lidar(&first.pose) * first.truth.inverse();
     let (mut worst_axis, mut own_direction) = (0, 0);
     for frame in frames {
-        let travelled = map_from_lidar(&frame.pose).translation.vector - start.translation.vector;
-        let truly = frame.truth.translation.vector - first.truth.translation.vector;
         // In the map frame, as the covariance is.
-        let error = travelled - heading.inverse() * truly;
+        let truly = (map_from_truth * frame.truth).translation.vector;
+        let error = map_from_lidar(&frame.pose).translation.vector - truly;
         let covariance = position_covariance(&frame.pose.covariance);
         let largest = SymmetricEigen::new(covariance).eigenvalues.max();
         worst_axis += usize::from(error.norm() <= 3.0 * largest.max(0.0).sqrt());
