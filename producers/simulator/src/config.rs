@@ -260,4 +260,42 @@ mod tests {
         assert!(error.contains("speed_m_s") && error.contains("0.1 to 3"), "{error}");
         assert!(Config { gait: -1.0, ..Config::default() }.check().is_err());
     }
+
+    #[test]
+    fn measured_worlds_need_clouds_and_a_way_and_other_worlds_refuse_them() {
+        let measured = |clouds: &[&str], way: &[[f64; 3]]| Config {
+            world: WorldKind::SemiReal,
+            clouds: clouds.iter().map(PathBuf::from).collect(),
+            way_points_m: way.to_vec(),
+            ..Config::default()
+        };
+        let way = [[0.0; 3], [5.0, 1.0, 0.2]];
+        assert_eq!(measured(&["a.pcd"], &way).check(), Ok(()));
+        assert!(measured(&[], &way).check().unwrap_err().contains("clouds"));
+        assert!(measured(&["a.pcd"], &way[..1]).check().unwrap_err().contains("way_points_m"));
+        for bad in [[0.5, 0.0, 0.0], [f64::NAN, 5.0, 0.0], [5.0, 0.0, 6.0]] {
+            assert!(
+                measured(&["a.pcd"], &[[0.0; 3], bad]).check().unwrap_err().contains("at least 1 m apart")
+            );
+        }
+        let elsewhere = Config { world: WorldKind::Hall, ..measured(&["a.pcd"], &way) };
+        assert!(elsewhere.check().unwrap_err().contains("semi_real"));
+        let text = toml::to_string(&measured(&["a.pcd"], &way)).unwrap();
+        assert_eq!(toml::from_str::<Config>(&text).unwrap(), measured(&["a.pcd"], &way));
+    }
+
+    #[test]
+    fn only_rates_whose_samples_fall_on_the_borders_of_frames_are_taken() {
+        for rate in [100, 200, 400, 500, 1000] {
+            assert_eq!(Config { imu_rate_hz: rate, ..Config::default() }.check(), Ok(()));
+        }
+        for rate in [0, 30, 125, 2000] {
+            assert!(
+                Config { imu_rate_hz: rate, ..Config::default() }
+                    .check()
+                    .unwrap_err()
+                    .contains("imu_rate_hz")
+            );
+        }
+    }
 }

@@ -112,4 +112,6 @@ fn toured((site, tour): (Site, Tour), start: impl Fn([f64; 3], f64) -> Route) ->
 }
 
 #[cfg(test)]
+mod catalogue_tests;
+#[cfg(test)]
 mod tests;
