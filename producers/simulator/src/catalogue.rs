@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use evac_stage::Rig;
 
-use crate::config::{Config, WorldKind};
+use crate::config::Config;
+use crate::world_kind::WorldKind;
 
 /// What the surfaces of a walk's building are like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -34,8 +34,9 @@ pub(crate) use solid::Cylinder;
 
 use evac_stage::StageError;
 
-use crate::config::{Config, WorldKind};
+use crate::config::Config;
 use crate::trajectory::Route;
+use crate::world_kind::WorldKind;
 use build::Site;
 use bvh::Bvh;
 use cavern::Cavern;
