@@ -80,6 +80,24 @@ pub(crate) enum World {
     Hall,
     /// Two storeys and the stairs between them.
     Stairwell,
+    /// Corridors drawn from --building: rectangle, L, U, figure of eight, T or Z.
+    FloorPlan,
+    /// A cellar of quarry stone and broken plaster, drawn from --building.
+    Rough,
+    /// Round bores through rough rock, drawn from --building.
+    Tunnel,
+    /// A plant room with tanks and pipes, drawn from --building.
+    Plant,
+    /// An office with desks, chairs, shelves and plants, drawn from --building.
+    Office,
+    /// An atrium with glass that throws nothing back, drawn from --building.
+    Atrium,
+    /// A hall of 50 x 30 m with few things in it, drawn from --building.
+    OpenHall,
+    /// A corridor with ramps up and down, drawn from --building.
+    Ramp,
+    /// A landing around a deep stairwell's eye, beside a lift shaft, drawn from --building.
+    Shaft,
 }
 
 /// Stages that say where the LiDAR is.
@@ -112,6 +130,9 @@ pub(crate) struct DemoArgs {
     /// The building
     #[arg(long, value_enum, default_value_t = World::Corridor)]
     pub(crate) world: World,
+    /// Which building of a kind that is drawn from a number
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(crate) building: u64,
     /// End the walk after this many seconds
     #[arg(long, value_name = "SECONDS")]
     pub(crate) duration: Option<f64>,

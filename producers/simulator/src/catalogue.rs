@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use evac_stage::Rig;
 
-use crate::config::{Config, WorldKind};
+use crate::config::Config;
+use crate::world_kind::WorldKind;
 
 /// What the surfaces of a walk's building are like.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -142,7 +143,7 @@ pub fn semi_real(cloud_folder: &Path) -> Vec<CatalogueWalk> {
 }
 
 fn boxes() -> Vec<Line> {
-    use WorldKind::FloorPlan;
+    use WorldKind::{FloorPlan, Hall, Ramp, Shaft, Stairwell};
     vec![
         Line::new("plan_1", FloorPlan, 1, 101).mounted([1.0, -0.5, 2.0], [0.05, -0.02, 0.06]),
         Line::new("plan_2", FloorPlan, 2, 102)
@@ -174,11 +175,23 @@ fn boxes() -> Vec<Line> {
             .moved(1.6, 1.0, 100.0)
             .mounted([1.5, -2.5, 0.0], [-0.04, 0.02, 0.1])
             .open_gyro(),
+        Line::new("ramp_1", Ramp, 1, 111).moved(1.0, 1.1, 85.0).mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1]),
+        Line::new("shaft_1", Shaft, 1, 112)
+            .moved(0.7, 1.2, 105.0)
+            .mounted([-3.0, -1.5, 1.0], [0.0, 0.06, -0.1])
+            .open_gyro(),
+        Line::new("stairs_1", Stairwell, 1, 113)
+            .moved(1.3, 0.9, 95.0)
+            .mounted([1.0, 3.5, -2.0], [0.07, -0.03, 0.05]),
+        Line::new("station_1", Hall, 1, 114)
+            .moved(1.4, 1.3, 115.0)
+            .mounted([2.0, 0.0, 4.0], [0.1, 0.1, 0.0])
+            .open_gyro(),
     ]
 }
 
 fn rough() -> Vec<Line> {
-    use WorldKind::{Atrium, FloorPlan, Office, OpenHall, Plant, Ramp, Rough, Shaft, Tunnel};
+    use WorldKind::{Atrium, FloorPlan, Office, OpenHall, Plant, Rough, Tunnel};
     vec![
         Line::new("cellar_11", Rough, 11, 201).mounted([1.0, -0.5, 2.0], [0.05, -0.02, 0.06]),
         Line::new("cellar_12", Rough, 12, 202)
@@ -201,7 +214,7 @@ fn rough() -> Vec<Line> {
         Line::new("plant_1", Plant, 1, 207).moved(1.0, 1.0, 85.0).mounted([-1.0, 2.0, 1.0], [0.1, 0.05, 0.0]),
         Line::new("plant_2", Plant, 2, 208).moved(1.8, 1.2, 110.0).open_gyro(),
         Line::new("office_1", Office, 1, 209)
-            .moved(0.7, 0.9, 70.0)
+            .moved(0.7, 1.1, 70.0)
             .mounted([0.5, -1.5, 3.0], [0.05, 0.0, 0.12]),
         Line::new("office_2", Office, 2, 210)
             .moved(1.0, 1.0, 100.0)
@@ -212,14 +225,6 @@ fn rough() -> Vec<Line> {
             .mounted([1.0, 1.0, -5.0], [0.0, 0.0, 0.1]),
         Line::new("open_hall_1", OpenHall, 1, 212)
             .moved(1.0, 1.3, 85.0)
-            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
-            .open_gyro(),
-        Line::new("ramp_x", Ramp, 1, 111)
-            .moved(1.0, 1.1, 85.0)
-            .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
-            .open_gyro(),
-        Line::new("shaft_x", Shaft, 1, 112)
-            .moved(1.0, 1.1, 85.0)
             .mounted([0.0, 2.0, 1.0], [0.06, 0.0, 0.1])
             .open_gyro(),
     ]

@@ -5,53 +5,7 @@ use std::path::PathBuf;
 use evac_stage::StageConfig;
 use serde::{Deserialize, Serialize};
 
-/// The building that is walked through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum WorldKind {
-    /// A basement corridor in a rectangle of 17 x 11 m, walked once round (four turns of 90 degrees on the spot).
-    #[default]
-    Corridor,
-    /// A station hall of 34 x 20 m with pillars, stairs, ticket machines and walking people.
-    Hall,
-    /// Two storeys of 3.4 m joined by a dog-leg stair, which the walker climbs.
-    Stairwell,
-    /// Corridors drawn from `building`: a rectangle, L, U, figure of eight, T or Z, 1.6 to 3 m wide, with doors, rooms,
-    /// niches, cabinets and ducts; boxes only, smooth unless `roughness_m` is set.
-    FloorPlan,
-    /// A cellar of quarry stone and broken plaster, drawn from `building`, with barrels, props, pipes and rubble.
-    Rough,
-    /// A tunnel of round bores through rock, drawn from `building`, with bends of 40 to 95 degrees, domed chambers, niches,
-    /// pipes and rails.
-    Tunnel,
-    /// A plant room with tanks, machines and pipes in all directions, drawn from `building`.
-    Plant,
-    /// An office floor with desks, thin-legged chairs, full shelves, plants and somebody walking, drawn from `building`.
-    Office,
-    /// An atrium with facades of glass that throws no shot back, rough walls, round pillars, plants and people, drawn from
-    /// `building`.
-    Atrium,
-    /// A hall of 50 x 30 x 8 m with few things and four people in it, drawn from `building`.
-    OpenHall,
-    /// A bent corridor with two ramps up and one down (5 to 15 %), drawn from `building`.
-    Ramp,
-    /// A landing around a stairwell's eye of 18 m, with a lift shaft behind an open door, drawn from `building`.
-    Shaft,
-    /// Discs in place of the points of `clouds`, along `way_points_m`.
-    SemiReal,
-}
-
-impl WorldKind {
-    /// Roughness of the world where the configuration does not say, metres.
-    fn roughness_m(self) -> f64 {
-        match self {
-            Self::Rough | Self::Tunnel => 0.02,
-            Self::Atrium | Self::OpenHall => 0.01,
-            Self::Plant | Self::Office => 0.006,
-            _ => 0.0,
-        }
-    }
-}
+use crate::world_kind::WorldKind;
 
 /// Configuration of the simulator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -264,5 +218,43 @@ mod tests {
         let error = Config { speed_m_s: f64::NAN, ..Config::default() }.check().unwrap_err();
         assert!(error.contains("speed_m_s") && error.contains("0.1 to 3"), "{error}");
         assert!(Config { gait: -1.0, ..Config::default() }.check().is_err());
+    }
+
+    #[test]
+    fn measured_worlds_need_clouds_and_a_way_and_other_worlds_refuse_them() {
+        let measured = |clouds: &[&str], way: &[[f64; 3]]| Config {
+            world: WorldKind::SemiReal,
+            clouds: clouds.iter().map(PathBuf::from).collect(),
+            way_points_m: way.to_vec(),
+            ..Config::default()
+        };
+        let way = [[0.0; 3], [5.0, 1.0, 0.2]];
+        assert_eq!(measured(&["a.pcd"], &way).check(), Ok(()));
+        assert!(measured(&[], &way).check().unwrap_err().contains("clouds"));
+        assert!(measured(&["a.pcd"], &way[..1]).check().unwrap_err().contains("way_points_m"));
+        for bad in [[0.5, 0.0, 0.0], [f64::NAN, 5.0, 0.0], [5.0, 0.0, 6.0]] {
+            assert!(
+                measured(&["a.pcd"], &[[0.0; 3], bad]).check().unwrap_err().contains("at least 1 m apart")
+            );
+        }
+        let elsewhere = Config { world: WorldKind::Hall, ..measured(&["a.pcd"], &way) };
+        assert!(elsewhere.check().unwrap_err().contains("semi_real"));
+        let text = toml::to_string(&measured(&["a.pcd"], &way)).unwrap();
+        assert_eq!(toml::from_str::<Config>(&text).unwrap(), measured(&["a.pcd"], &way));
+    }
+
+    #[test]
+    fn only_rates_whose_samples_fall_on_the_borders_of_frames_are_taken() {
+        for rate in [100, 200, 400, 500, 1000] {
+            assert_eq!(Config { imu_rate_hz: rate, ..Config::default() }.check(), Ok(()));
+        }
+        for rate in [0, 30, 125, 2000] {
+            assert!(
+                Config { imu_rate_hz: rate, ..Config::default() }
+                    .check()
+                    .unwrap_err()
+                    .contains("imu_rate_hz")
+            );
+        }
     }
 }

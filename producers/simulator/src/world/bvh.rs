@@ -166,18 +166,27 @@ mod tests {
 
     #[test]
     fn the_tree_finds_the_same_nearest_hit_as_testing_every_box() {
+        compare(300, 2.0, 2000);
+    }
+
+    #[test]
+    fn a_tree_of_very_many_small_boxes_does_too() {
+        compare(MANY + 1000, 0.8, 300);
+    }
+
+    fn compare(count: usize, largest: f64, rays: usize) {
         let mut random = Random::new(11, 0);
-        let mut within = |low: f64, high: f64| low + (high - low) * random.uniform();
-        let solids: Vec<Solid> = (0..300)
+        let mut within = |low: f64, high: f64| random.within(low, high);
+        let solids: Vec<Solid> = (0..count)
             .map(|_| {
                 let centre = [within(-20.0, 20.0), within(-20.0, 20.0), within(-3.0, 3.0)];
-                let size = [within(0.05, 2.0), within(0.05, 2.0), within(0.05, 2.0)];
+                let size = [within(0.05, largest), within(0.05, largest), within(0.05, largest)];
                 Solid::turned(centre, size, within(0.0, 180.0), Material::Metal)
             })
             .collect();
         let tree = Bvh::new(solids.clone());
         let mut hits = 0;
-        for _ in 0..2000 {
+        for _ in 0..rays {
             let origin = Vector3::new(within(-20.0, 20.0), within(-20.0, 20.0), within(-3.0, 3.0));
             let direction = Vector3::new(within(-1.0, 1.0), within(-1.0, 1.0), within(-0.3, 0.3)).normalize();
             let ray = Ray::new(origin, direction);
@@ -189,6 +198,6 @@ mod tests {
             assert_eq!(all, found);
             hits += usize::from(found.is_finite());
         }
-        assert!(hits > 500, "{hits} hits are too few to prove anything");
+        assert!(hits > rays / 4, "{hits} hits are too few to prove anything");
     }
 }

@@ -86,3 +86,53 @@ fn tour(way: &[[f64; 3]]) -> Tour {
     let start = way.first().copied().unwrap_or_default();
     Tour { start: [start[0], start[1]], floor: floor(&start), steps: way.windows(2).map(leg).collect() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::bvh::Bvh;
+    use super::super::ray::Ray;
+    use super::*;
+    use crate::random::Random;
+
+    #[test]
+    fn discs_of_a_measured_plane_close_it_and_lie_in_it() {
+        let mut random = Random::new(8, 0);
+        // A tilted wall, a point every 10 cm with 5 mm of noise, 4 m before the origin.
+        let normal = Vector3::new(1.0, 0.15, -0.1).normalize();
+        let (u, v) = (normal.cross(&Vector3::z()).normalize(), normal.cross(&Vector3::y()).normalize());
+        let points: Vec<Vector3<f64>> = (0..3600)
+            .map(|k| {
+                let [a, b] = [k % 60, k / 60].map(|i| f64::from(i) * 0.1 - 3.0);
+                normal * (4.0 + 0.005 * random.normal()) + u * a + v * b
+            })
+            .collect();
+        let world = Bvh::new(discs(&points));
+        let (mut squares, mut largest) = (0.0, 0.0_f64);
+        for shot in 0..2000 {
+            let beam = crate::mid40::direction(shot * 97);
+            let (range, _) = world.cast(&Ray::new(Vector3::zeros(), beam), 90.0).unwrap();
+            let off = (beam * range).dot(&normal) - 4.0;
+            squares += off * off;
+            largest = largest.max(off.abs());
+        }
+        let rms = f64::sqrt(squares / 2000.0);
+        assert!(rms < 0.01 && largest < 0.04, "rms {rms} m, largest {largest} m");
+    }
+
+    #[test]
+    fn what_was_measured_on_the_way_is_left_out_and_the_way_is_walked_at_its_heights() {
+        let way = [[0.0, 0.0, 1.5], [10.0, 0.0, 1.0]];
+        assert!(!clear_of(&way, &Vector3::new(5.0, 0.3, 1.25)));
+        assert!(clear_of(&way, &Vector3::new(5.0, 0.0, 0.2)));
+        assert!(clear_of(&way, &Vector3::new(11.0, 0.0, 1.0)));
+        let tour = tour(&way);
+        assert!((tour.floor - 0.3).abs() < 1e-9);
+        assert_eq!(tour.places(), vec![[0.0, 0.0], [10.0, 0.0]]);
+    }
+
+    #[test]
+    fn a_cloud_that_is_not_there_is_named() {
+        let error = build(&[PathBuf::from("no/such/cloud.pcd")], &[[0.0; 3], [5.0, 0.0, 0.0]]).unwrap_err();
+        assert!(matches!(&error, StageError::File(text) if text.contains("no/such/cloud.pcd")), "{error}");
+    }
+}

@@ -34,8 +34,9 @@ pub(crate) use solid::Cylinder;
 
 use evac_stage::StageError;
 
-use crate::config::{Config, WorldKind};
+use crate::config::Config;
 use crate::trajectory::Route;
+use crate::world_kind::WorldKind;
 use build::Site;
 use bvh::Bvh;
 use cavern::Cavern;
@@ -111,5 +112,7 @@ fn toured((site, tour): (Site, Tour), start: impl Fn([f64; 3], f64) -> Route) ->
     (site, tour.route(start))
 }
 
+#[cfg(test)]
+mod catalogue_tests;
 #[cfg(test)]
 mod tests;

@@ -99,6 +99,7 @@ impl Solid {
     }
 
     /// Distance of a point from the smooth body, 0 inside, metres.
+    #[cfg(test)]
     pub(crate) fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.shape.distance(point).max(0.0)
     }
@@ -157,5 +158,33 @@ mod tests {
         assert!((person.hit(&down).unwrap() - 2.0).abs() < 1e-4);
         let above = Ray::new(Vector3::new(0.0, 0.0, 2.0), Vector3::x());
         assert_eq!(person.hit(&above), None);
+    }
+
+    #[test]
+    fn a_rough_wall_is_off_its_plane_by_the_configured_rms_for_every_angle_of_incidence() {
+        let wall = Solid::between([-5.0, 2.0, -5.0], [5.0, 2.3, 5.0], Material::Plaster);
+        let rough = wall.roughened(0.02, 7);
+        for slant in [0.0, 1.0, 3.0] {
+            let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+            for k in 0..10_000 {
+                let aim = Vector3::new(f64::from(k % 100) * 0.09 - 4.5, 2.0, f64::from(k / 100) * 0.09 - 4.5);
+                let ray =
+                    Ray::new(aim - Vector3::new(slant, 1.0, 0.0), Vector3::new(slant, 1.0, 0.0).normalize());
+                let Some(range) = rough.hit(&ray, 90.0) else { continue };
+                let off = (ray.origin + ray.direction * range).y - 2.0;
+                sum += off;
+                squares += off * off;
+                count += 1.0;
+            }
+            let rms: f64 = f64::sqrt(squares / count);
+            assert!(
+                count > 9900.0 && (rms / 0.02 - 1.0).abs() < 0.15,
+                "slant {slant}: rms {rms} m of {count}"
+            );
+            // A slanting ray rather meets what stands out.
+            let mean: f64 = sum / count;
+            assert!(mean.abs() < 0.003 + 0.003 * slant, "slant {slant}: mean {mean} m");
+        }
+        assert_eq!(wall.roughened(0.0, 7).hit(&Ray::new(Vector3::zeros(), Vector3::y()), 90.0), Some(2.0));
     }
 }

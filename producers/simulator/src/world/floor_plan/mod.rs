@@ -126,3 +126,50 @@ impl Plan {
         self.bare.iter().filter(before).map(|place| [place[a] - REACH, place[a] + REACH]).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use evac_geometry::nalgebra::Vector3;
+
+    use super::super::bvh::Bvh;
+    use super::super::ray::Ray;
+    use super::*;
+
+    #[test]
+    fn the_same_number_gives_the_same_building_and_other_numbers_others() {
+        let describe = |building: u64| format!("{:?}", build(building, Style::Cellar));
+        assert_eq!(describe(4), describe(4));
+        let all: std::collections::BTreeSet<String> = (0..50).map(describe).collect();
+        assert_eq!(all.len(), 50);
+    }
+
+    #[test]
+    fn most_turns_are_before_a_blank_wall_that_fills_the_view() {
+        let (mut turns, mut blank) = (0, 0);
+        for building in 1..=20 {
+            let (site, tour) = build(building, Style::Basement);
+            let tree = Bvh::new(site.solids);
+            for leg in tour.places().windows(3) {
+                let way = |a: [f64; 2], b: [f64; 2]| Vector3::new(b[0] - a[0], b[1] - a[1], 0.0).normalize();
+                let (ahead, next) = (way(leg[0], leg[1]), way(leg[1], leg[2]));
+                if ahead.dot(&next) > 0.5 {
+                    continue;
+                }
+                let origin = Vector3::new(leg[1][0], leg[1][1], 1.2) + ahead * 0.15;
+                let left = Vector3::z().cross(&ahead);
+                let range = |shot: u64| {
+                    let beam = crate::mid40::direction(shot * 131);
+                    let ray = Ray::new(origin, ahead * beam.x + left * beam.y + Vector3::z() * beam.z);
+                    // Along the corridor's axis, so that a wall across it is at one distance.
+                    let axis = if ahead.x.abs() > 0.7 { Vector3::x() } else { Vector3::y() };
+                    tree.cast(&ray, 90.0).map_or(90.0, |(range, _)| range * ray.direction.dot(&axis).abs())
+                };
+                let mut ranges: Vec<f64> = (0..300).map(range).collect();
+                ranges.sort_by(f64::total_cmp);
+                turns += 1;
+                blank += usize::from(ranges[290] - ranges[10] < 0.002);
+            }
+        }
+        assert!(turns > 50 && 2 * blank > turns, "{blank} of {turns} turns");
+    }
+}
