@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use crate::cli::OdometryArgs;
+
 #[derive(Debug, Args)]
 pub(crate) struct ExperimentArgs {
     #[command(subcommand)]
@@ -41,7 +43,7 @@ const COLUMNS: &str = "Columns (metres, degrees, milliseconds):\n  \
     jump            largest length of a published step beyond the true one\n  \
     degen, lost     frames that say so\n  \
     recov, time     longest loss in seconds; whether the error was below 0.5 m until \"lost\" was said\n  \
-    lio, p99, desk  time a frame of the odometry (median, 99th percentile) and the deskewer (median)\n  \
+    ms, p99, desk   time computed for a frame by the odometry (median, 99th percentile) and the deskewer (median)\n  \
     verdict         the rule of `evac experiment faults`";
 
 const RULE: &str = "A run holds a fault if its APE is within 0.2 m (held); or if \"lost\" was said before the error passed\n\
@@ -54,6 +56,8 @@ pub(crate) struct Selection {
     /// Only walks whose name contains this; several may be given with commas
     #[arg(long, value_name = "PART", value_delimiter = ',')]
     pub(crate) only: Vec<String>,
+    #[command(flatten)]
+    pub(crate) odometry: OdometryArgs,
     /// Change a key of a stage's configuration, written as in a pipeline file; may be given several times
     #[arg(long = "set", value_name = "STAGE.KEY=VALUE")]
     pub(crate) set: Vec<String>,
@@ -63,7 +67,7 @@ pub(crate) struct Selection {
     /// Walks worked on at the same time; figures do not depend on it, times of a frame do a little
     #[arg(long, value_name = "N", default_value_t = 2)]
     pub(crate) threads: usize,
-    /// Folder with the recorded walks, `simulated/corridor` and so on [default: $EVAC_DATA, or ../shared/data]
+    /// Folder with recordings (simulated/corridor and so on) and the measured hall (real/livox_mid40_hall_map) [default: $EVAC_DATA, or ../shared/data]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     /// Seed of what is random in the faults

@@ -23,7 +23,7 @@ pub(super) fn head() -> String {
         "lost",
         "recov",
         "time",
-        "lio",
+        "ms",
         "p99",
         "desk",
         "verdict"

@@ -64,11 +64,19 @@ fn told(args: &HonestyArgs) -> Result<(), LaunchError> {
 fn write(selection: &Selection, name: &str, report: &Report) -> Result<(), LaunchError> {
     let Some(folder) = &selection.output else { return Ok(()) };
     create_folder(folder)?;
+    let odometry = &selection.odometry;
+    let name_of = format!("{:?}", odometry.odometry).to_lowercase();
     let set = selection.set.iter().map(|assignment| format!(" --set {assignment}")).collect::<String>();
-    let markdown = format!("`evac experiment {name}{set}`\n\n{}\n{}", report.table, report.limits);
+    let raw = if odometry.no_deskewing { " --no-deskewing" } else { "" };
+    let markdown = format!(
+        "`evac experiment {name} --odometry {name_of}{raw}{set}`\n\n{}\n{}",
+        report.table, report.limits
+    );
     let whole = json!({
         "evac": env!("CARGO_PKG_VERSION"),
         "experiment": name,
+        "odometry": name_of,
+        "deskewing": !odometry.no_deskewing,
         "set": selection.set,
         "seed": selection.seed,
         "duration_s": selection.duration,

@@ -3,11 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use evac_experiments::report::Run;
-use evac_experiments::{ExperimentError, Fault, Settings, Source, catalogue, in_threads, recorded, run};
+use evac_experiments::{
+    ExperimentError, Fault, OdometryKind, Settings, Source, catalogue, in_threads, recorded, run,
+};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::cli::Selection;
 use super::usage;
+use crate::cli::Odometry;
 use crate::error::LaunchError;
 
 /// Runs every selected walk with every fault. `show` gets the results in the order of the walks, then of the faults, as
@@ -20,7 +23,12 @@ pub(super) fn each_run(
     if selection.duration.is_some_and(|seconds| seconds.is_nan() || seconds < 0.1) {
         return Err(usage("--duration must be at least 0.1 seconds".to_owned()));
     }
-    let mut settings = Settings::default();
+    let odometry = match selection.odometry.odometry {
+        Odometry::Lio => OdometryKind::Lio,
+        Odometry::Loam => OdometryKind::Loam,
+    };
+    let mut settings = Settings { odometry, ..Settings::default() };
+    settings.deskewer.enabled = !selection.odometry.no_deskewing;
     for assignment in &selection.set {
         settings.set(assignment)?;
     }
@@ -67,7 +75,7 @@ fn sources(selection: &Selection) -> Result<Vec<Source>, LaunchError> {
     let data = data_folder(selection.data.as_deref());
     let mut sources = recorded(&data);
     let none_recorded = sources.is_empty();
-    sources.extend(catalogue());
+    sources.extend(catalogue(&data));
     let names: Vec<_> = sources.iter().map(|source| source.name.clone()).collect();
     for part in &selection.only {
         if !names.iter().any(|name| name.contains(part.as_str())) {

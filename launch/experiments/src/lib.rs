@@ -29,7 +29,7 @@ pub use loss::Losses;
 pub use recording::read_recording;
 pub use run::{FrameResult, Trajectory, run};
 pub use schedule::in_threads;
-pub use settings::Settings;
+pub use settings::{OdometryKind, Settings};
 pub use sources::{Group, Source, catalogue, recorded};
 pub use verdict::Verdict;
 pub use walk::{Frame, Walk, simulated};

@@ -1,7 +1,7 @@
 //! What is run, and how it is configured.
 
 use evac_deskewer::DeskewerConfig;
-use evac_odometry::LioConfig;
+use evac_odometry::{LioConfig, LoamConfig};
 use evac_stage::StageConfig;
 use toml::{Table, Value};
 
@@ -9,23 +9,25 @@ use crate::ExperimentError;
 
 /// Which odometry is run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) enum OdometryKind {
+pub enum OdometryKind {
     /// The tightly coupled filter.
     #[default]
     Lio,
+    /// The paper's method; without the deskewer it uses no IMU.
+    Loam,
 }
 
 /// What is run and how it is configured.
 #[derive(Debug, Clone, Default)]
 pub struct Settings {
     /// The odometry.
-    pub(crate) odometry: OdometryKind,
-    /// The scans go to the odometry as they came, without the deskewer.
-    pub raw_scans: bool,
-    /// Configuration of the deskewer.
+    pub odometry: OdometryKind,
+    /// Configuration of the deskewer; `enabled = false` leaves the motion in the scans.
     pub deskewer: DeskewerConfig,
     /// Configuration of `lio`.
     pub lio: LioConfig,
+    /// Configuration of `loam`.
+    pub loam: LoamConfig,
 }
 
 impl Settings {
@@ -44,9 +46,12 @@ impl Settings {
         let value = parsed.get("value").cloned().unwrap_or(Value::Boolean(false));
         match stage.trim() {
             "lio" => self.lio = changed(&self.lio, key.trim(), value).map_err(wrong)?,
+            "loam" => self.loam = changed(&self.loam, key.trim(), value).map_err(wrong)?,
             "deskewer" => self.deskewer = changed(&self.deskewer, key.trim(), value).map_err(wrong)?,
             other => {
-                return Err(wrong(format!("there is no stage '{other}' here; the stages are lio, deskewer")));
+                return Err(wrong(format!(
+                    "there is no stage '{other}' here; the stages are lio, loam, deskewer"
+                )));
             }
         }
         Ok(())

@@ -91,8 +91,9 @@ pub fn recorded(data: &Path) -> Vec<Source> {
         .collect()
 }
 
-/// The simulated walks: the simulator's catalogue, and its three built worlds.
-pub fn catalogue() -> Vec<Source> {
+/// The simulated walks: the simulator's three built worlds, its catalogue, and rays cast into the measured hall where the folder of
+/// test data holds it.
+pub fn catalogue(data: &Path) -> Vec<Source> {
     let rig = Rig {
         imu_from_lidar: ImuFromLidar {
             translation_m: [0.05, -0.02, 0.06],
@@ -109,7 +110,8 @@ pub fn catalogue() -> Vec<Source> {
         group: Group::Boxes,
         kind: Kind::Simulation(Box::new((config, rig))),
     });
-    let drawn = evac_simulator::catalogue().into_iter().map(|walk| Source {
+    let measured = evac_simulator::semi_real(&data.join("real/livox_mid40_hall_map"));
+    let drawn = evac_simulator::catalogue().into_iter().chain(measured).map(|walk| Source {
         name: walk.name,
         group: if walk.group == evac_simulator::Group::Boxes { Group::Boxes } else { Group::Rough },
         kind: Kind::Simulation(Box::new((walk.config, walk.rig))),

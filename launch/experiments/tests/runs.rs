@@ -5,7 +5,7 @@ use std::sync::Mutex;
 
 use evac_experiments::report::{Run, accuracy, honesty, robustness};
 use evac_experiments::{
-    Fault, Figures, Group, Settings, Trajectory, Verdict, Walk, in_threads, run, simulated,
+    Fault, Figures, Group, OdometryKind, Settings, Trajectory, Verdict, Walk, in_threads, run, simulated,
 };
 use evac_frames::{PoseFrame, TrackingState};
 use evac_geometry::nalgebra::Translation3;
@@ -104,6 +104,17 @@ fn a_wrong_rig_makes_a_worse_run_than_the_right_one() {
     .unwrap();
     let ape = |fault: Fault| Figures::of(&run(&fault.applied(&walk, 1), &Settings::default())).ape_m;
     assert!(ape(Fault::Rotation(10)) > 1.5 * ape(Fault::None));
+}
+
+#[test]
+fn the_papers_odometry_runs_too_and_is_worse_off_without_the_deskewer() {
+    let config = Config { seed: 38, duration_s: Some(25.0), ..Config::default() };
+    let walk = simulated("corridor", &config, &Rig::default()).unwrap();
+    let with = Settings { odometry: OdometryKind::Loam, ..Settings::default() };
+    let mut without = with.clone();
+    without.deskewer.enabled = false;
+    let drift = |settings: &Settings| Figures::of(&run(&walk, settings)).drift_m;
+    assert!(drift(&without) > 2.0 * drift(&with), "{} {}", drift(&without), drift(&with));
 }
 
 #[test]
