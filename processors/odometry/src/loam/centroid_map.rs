@@ -115,7 +115,11 @@ impl CentroidMap {
                     let Some(key) = key([x + i, y + j, z + k]) else { continue };
                     let Some(voxel) = self.slots.get(self.slot_of(key)) else { continue };
                     if voxel.key == key && voxel.count >= RIPE && voxel.seen >= self.way - self.max_way {
-                        insert_sorted(&mut nearest, ((voxel.mean - point).norm_squared(), voxel.mean));
+                        insert_sorted(
+                            &mut nearest,
+                            ((voxel.mean - point).norm_squared(), voxel.mean),
+                            self.edge * self.edge / 4.0,
+                        );
                     }
                 }
             }
@@ -181,7 +185,18 @@ impl CentroidMap {
     }
 }
 
-fn insert_sorted(nearest: &mut [(f64, Vector3<f64>); NEIGHBOURS], mut new: (f64, Vector3<f64>)) {
+/// Takes a candidate into the list of the nearest. Of two that are closer together than the square root of `apart` only the
+/// nearer stays: a surface on the border of two layers of voxels has a mean in either, and such pairs are no plane.
+fn insert_sorted(nearest: &mut [(f64, Vector3<f64>); NEIGHBOURS], mut new: (f64, Vector3<f64>), apart: f64) {
+    let mut twins = nearest.iter().enumerate().filter(|(_, kept)| (kept.1 - new.1).norm_squared() < apart);
+    if let Some((index, twin)) = twins.find(|(_, kept)| kept.0.is_finite()) {
+        if twin.0 <= new.0 {
+            return;
+        }
+        // The twin's place is free: what is nearer than it moves on to there.
+        nearest[index].0 = f64::INFINITY;
+        nearest[index..].rotate_left(1);
+    }
     for kept in nearest.iter_mut() {
         if new.0 < kept.0 {
             std::mem::swap(kept, &mut new);
@@ -225,6 +240,23 @@ mod tests {
         assert!((near[0] - Vector3::new(1.25, 0.25, 0.25)).norm() < 1e-9);
         assert!(near.iter().any(|mean| (mean.x - 0.25).abs() < 1e-9));
         assert!(map.nearest(&Vector3::new(1.2, 0.25, 0.25), 1).is_none());
+    }
+
+    #[test]
+    fn a_wall_on_the_border_of_two_layers_of_voxels_gives_five_places_on_it() {
+        let mut map = CentroidMap::new(0.3, 1024, 50.0, 30.0);
+        for i in 0..2000 {
+            let side = if i % 2 == 0 { 0.01 } else { -0.01 };
+            map.insert(&Vector3::new(1.2 + side, f64::from(i % 40) * 0.03, f64::from(i / 40) * 0.03));
+        }
+        let near = map.nearest(&Vector3::new(1.2, 0.6, 0.6), 1).unwrap();
+        for (i, a) in near.iter().enumerate() {
+            assert!(near.iter().skip(i + 1).all(|b| (a - b).yz().norm() > 0.1), "{near:?}");
+        }
+        assert!(
+            near.windows(2).all(|w| (w[0] - Vector3::new(1.2, 0.6, 0.6)).norm()
+                <= (w[1] - Vector3::new(1.2, 0.6, 0.6)).norm())
+        );
     }
 
     #[test]
