@@ -31,6 +31,7 @@ pub(crate) struct CentroidMap {
     radius: f64,
     max_radius: f64,
     /// Way gone so far, and that after which an unseen voxel is stale, metres.
+    frame: u32,
     way: f32,
     max_way: f32,
     /// Voxels given up because they were too far or stale, and new ones refused because the map was full.
@@ -42,13 +43,16 @@ pub(crate) struct CentroidMap {
 struct Voxel {
     key: u64,
     count: u32,
+    /// Frames in which it was seen, and the last of them.
+    frames: u32,
+    last_frame: u32,
     /// Way gone when it was last seen, metres.
     seen: f32,
     mean: Vector3<f64>,
 }
 
 impl Voxel {
-    const FREE: Self = Self { key: EMPTY, count: 0, seen: 0.0, mean: Vector3::new(0.0, 0.0, 0.0) };
+    const FREE: Self = Self { key: EMPTY, count: 0, frames: 0, last_frame: 0, seen: 0.0, mean: Vector3::new(0.0, 0.0, 0.0) };
 }
 
 impl CentroidMap {
@@ -64,6 +68,7 @@ impl CentroidMap {
             hand: 0,
             radius: max_radius,
             max_radius,
+            frame: 1,
             way: 0.0,
             max_way: max_way as f32,
             evicted: 0,
@@ -99,6 +104,10 @@ impl CentroidMap {
             *voxel = Voxel { key, ..Voxel::FREE };
         }
         voxel.seen = self.way;
+        if voxel.last_frame != self.frame {
+            voxel.frames = voxel.frames.saturating_add(1);
+            voxel.last_frame = self.frame;
+        }
         if voxel.count < FULL {
             voxel.count += 1;
             voxel.mean += (point - voxel.mean) / f64::from(voxel.count);
@@ -114,8 +123,12 @@ impl CentroidMap {
                 for k in -reach..=reach {
                     let Some(key) = key([x + i, y + j, z + k]) else { continue };
                     let Some(voxel) = self.slots.get(self.slot_of(key)) else { continue };
-                    if voxel.key == key && voxel.count >= RIPE && voxel.seen >= self.way - self.max_way {
-                        insert_sorted(&mut nearest, ((voxel.mean - point).norm_squared(), voxel.mean));
+                    if voxel.key == key && voxel.count >= RIPE && voxel.frames >= ripe_frames() && voxel.seen >= self.way - self.max_way {
+                        insert_sorted(
+                            &mut nearest,
+                            ((voxel.mean - point).norm_squared(), voxel.mean),
+                            self.edge * self.edge / 4.0,
+                        );
                     }
                 }
             }
@@ -126,6 +139,7 @@ impl CentroidMap {
     /// Gives up voxels that are far from the LiDAR or stale: a part of the table each frame. `way` is that gone so far, metres.
     pub(crate) fn forget_far(&mut self, lidar: &Vector3<f64>, way: f64) {
         self.way = way as f32;
+        self.frame = self.frame.wrapping_add(1).max(1);
         let nearly_full = self.len > self.max_len / 4 * 3;
         let factor = if nearly_full { SHRINK } else { 1.0 / SHRINK };
         self.radius = (self.radius * factor).clamp(LEAST_RADIUS.min(self.max_radius), self.max_radius);
@@ -181,7 +195,18 @@ impl CentroidMap {
     }
 }
 
-fn insert_sorted(nearest: &mut [(f64, Vector3<f64>); NEIGHBOURS], mut new: (f64, Vector3<f64>)) {
+/// Takes a candidate into the list of the nearest. Of two that are closer together than the square root of `apart` only the
+/// nearer stays: a surface on the border of two layers of voxels has a mean in either, and such pairs are no plane.
+fn insert_sorted(nearest: &mut [(f64, Vector3<f64>); NEIGHBOURS], mut new: (f64, Vector3<f64>), apart: f64) {
+    let mut twins = nearest.iter().enumerate().filter(|(_, kept)| (kept.1 - new.1).norm_squared() < apart);
+    if let Some((index, twin)) = twins.find(|(_, kept)| kept.0.is_finite()) {
+        if twin.0 <= new.0 {
+            return;
+        }
+        // The twin's place is free: what is nearer than it moves on to there.
+        nearest[index].0 = f64::INFINITY;
+        nearest[index..].rotate_left(1);
+    }
     for kept in nearest.iter_mut() {
         if new.0 < kept.0 {
             std::mem::swap(kept, &mut new);
@@ -225,6 +250,23 @@ mod tests {
         assert!((near[0] - Vector3::new(1.25, 0.25, 0.25)).norm() < 1e-9);
         assert!(near.iter().any(|mean| (mean.x - 0.25).abs() < 1e-9));
         assert!(map.nearest(&Vector3::new(1.2, 0.25, 0.25), 1).is_none());
+    }
+
+    #[test]
+    fn a_wall_on_the_border_of_two_layers_of_voxels_gives_five_places_on_it() {
+        let mut map = CentroidMap::new(0.3, 1024, 50.0, 30.0);
+        for i in 0..2000 {
+            let side = if i % 2 == 0 { 0.01 } else { -0.01 };
+            map.insert(&Vector3::new(1.2 + side, f64::from(i % 40) * 0.03, f64::from(i / 40) * 0.03));
+        }
+        let near = map.nearest(&Vector3::new(1.2, 0.6, 0.6), 1).unwrap();
+        for (i, a) in near.iter().enumerate() {
+            assert!(near.iter().skip(i + 1).all(|b| (a - b).yz().norm() > 0.1), "{near:?}");
+        }
+        assert!(
+            near.windows(2).all(|w| (w[0] - Vector3::new(1.2, 0.6, 0.6)).norm()
+                <= (w[1] - Vector3::new(1.2, 0.6, 0.6)).norm())
+        );
     }
 
     #[test]
@@ -284,3 +326,5 @@ mod tests {
         assert_eq!(map.len(), 0);
     }
 }
+
+fn ripe_frames() -> u32 { std::env::var("RIPEF").map_or(1, |v| v.parse().unwrap()) }

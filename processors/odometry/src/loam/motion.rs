@@ -23,7 +23,7 @@ const REST_RATE: f64 = 0.003;
 /// A steady glide looks like rest to an IMU; a filter that knows of one is not stopped, m/s.
 const REST_SPEED: f64 = 0.15;
 /// What a resting rig may still do per frame, metres and radians.
-const REST_STEP: f64 = 1e-4;
+const REST_STEP: f64 = 3e-4;
 
 /// Time of a frame: from the one before to its end.
 #[derive(Debug, Clone, Copy)]

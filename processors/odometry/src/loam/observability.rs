@@ -3,12 +3,12 @@
 
 use evac_geometry::nalgebra::{Matrix3, Vector3};
 
-use super::filter::{PoseError, PoseInformation};
+use super::filter::{POSITION, PoseError, PoseInformation, ROTATION};
 
 /// Information on a direction below this, 1/m^2, says nothing about it.
 pub(crate) const OBSERVED: f64 = 1.5e3;
-/// Nor does less than this share of the largest of a translation: normals of planes through few points wobble that much.
-const OBSERVED_SHARE: f64 = 0.004;
+/// Nor does less than this share of the largest: normals of planes through few points wobble that much.
+const OBSERVED_SHARE: f64 = 0.002;
 /// Lever at which a rotation counts as a displacement, metres: from the middle of a corridor to its walls.
 const LEVER: f64 = 1.0;
 
@@ -27,9 +27,13 @@ impl Degeneracy {
 
     /// Directions of the position whose information is too small, least observed first; the rotation is taken as known.
     pub(crate) fn of(information: &PoseInformation) -> Self {
-        let position: Matrix3<f64> = information.fixed_view::<3, 3>(0, 0).into_owned();
-        let eigen = position.symmetric_eigen();
-        let least = threshold(eigen.eigenvalues.max());
+        Self::of_block(&information.fixed_view::<3, 3>(POSITION, POSITION).into_owned(), 1.0)
+    }
+
+    /// As above for a block of the information, at a lever of so many metres.
+    fn of_block(block: &Matrix3<f64>, lever: f64) -> Self {
+        let eigen = block.symmetric_eigen();
+        let least = OBSERVED.max(OBSERVED_SHARE * eigen.eigenvalues.max()) * lever * lever;
         let mut order = [0, 1, 2];
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
         let mut found = Self::default();
@@ -43,31 +47,28 @@ impl Degeneracy {
         }
         found
     }
+
+    /// The projection onto all other directions.
+    fn complement(&self) -> Matrix3<f64> {
+        self.axes
+            .iter()
+            .take(self.count)
+            .fold(Matrix3::identity(), |rest, axis| rest - axis * axis.transpose())
+    }
 }
 
 /// Takes everything that is said about badly observed directions out of the normal equations: there the prior holds.
+///
+/// Position and rotation each by themselves: an eigenvector of both would lend a little of a well observed rotation to an
+/// unobserved position, which moves far more easily.
 pub(crate) fn remap(information: &mut PoseInformation, vector: &mut PoseError) {
-    let mut scale = PoseError::repeat(1.0);
-    scale.fixed_rows_mut::<3>(3).fill(1.0 / LEVER);
-    let scaled = PoseInformation::from_fn(|i, j| information[(i, j)] * scale[i] * scale[j]);
-    let position: Matrix3<f64> = information.fixed_view::<3, 3>(0, 0).into_owned();
-    let least = threshold(position.symmetric_eigenvalues().max());
-    let eigen = scaled.symmetric_eigen();
-    let (mut kept, mut kept_vector) = (PoseInformation::zeros(), PoseError::zeros());
-    let scaled_vector = vector.component_mul(&scale);
-    for (i, value) in eigen.eigenvalues.iter().enumerate() {
-        let axis = eigen.eigenvectors.column(i).into_owned();
-        if *value >= least {
-            kept += axis * axis.transpose() * *value;
-            kept_vector += axis * axis.dot(&scaled_vector);
-        }
-    }
-    *information = PoseInformation::from_fn(|i, j| kept[(i, j)] / (scale[i] * scale[j]));
-    *vector = kept_vector.component_div(&scale);
-}
-
-fn threshold(largest: f64) -> f64 {
-    OBSERVED.max(OBSERVED_SHARE * largest)
+    let rotation = information.fixed_view::<3, 3>(ROTATION, ROTATION).into_owned();
+    let mut kept = PoseInformation::zeros();
+    kept.fixed_view_mut::<3, 3>(POSITION, POSITION).copy_from(&Degeneracy::of(information).complement());
+    kept.fixed_view_mut::<3, 3>(ROTATION, ROTATION)
+        .copy_from(&Degeneracy::of_block(&rotation, LEVER).complement());
+    *information = kept * *information * kept;
+    *vector = kept * *vector;
 }
 
 #[cfg(test)]

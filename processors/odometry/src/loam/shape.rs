@@ -6,6 +6,9 @@ use super::centroid_map::NEIGHBOURS;
 
 /// The eigenvalue that stands out does so by this factor (paper: 3).
 const DISTINCT: f64 = 3.0;
+/// Least spread of a plane's points across their longest axis, metres (root of the sum of squares): on a line there are many
+/// planes.
+const LEAST_SPREAD: f64 = 0.15;
 /// Farthest point from its line or plane, metres: where two surfaces share a voxel there is neither.
 const MAX_OFFSET: f64 = 0.05;
 
@@ -31,7 +34,8 @@ impl Shape {
     pub(crate) fn plane(points: &[Vector3<f64>; NEIGHBOURS]) -> Option<Self> {
         let (centre, values, vectors) = principal(points);
         let shape = Self { centre, axis: vectors[0], is_line: false };
-        (DISTINCT * values[0] < values[1] && shape.holds(points)).then_some(shape)
+        let spread = values[1] > LEAST_SPREAD * LEAST_SPREAD;
+        (DISTINCT * values[0] < values[1] && spread && shape.holds(points)).then_some(shape)
     }
 
     /// Distance of a point, never negative for a line, and the direction in which it grows.
@@ -86,6 +90,12 @@ mod tests {
         let plane = Shape::plane(&points).unwrap();
         assert!(plane.axis.x.abs() > 0.999 && Shape::line(&points).is_none());
         assert!((plane.residual(&Vector3::new(2.05, 0.1, 0.1)).0.abs() - 0.05).abs() < 1e-3);
+    }
+
+    #[test]
+    fn points_along_one_line_are_no_plane() {
+        let points = [-2.0, -1.0, 0.0, 1.0, 2.0].map(|t| Vector3::new(0.3 * t, 0.01 * t * t, 0.0));
+        assert!(Shape::plane(&points).is_none());
     }
 
     #[test]

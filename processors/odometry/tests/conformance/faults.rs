@@ -67,7 +67,7 @@ pub(super) fn scans_of_garbage_make_neither_garbage_nor_a_jump<S: Odometry>(limi
 }
 
 pub(super) fn empty_scans_are_dead_reckoned_and_said_to_observe_nothing<S: Odometry>(limits: &Limits) {
-    let mut frames = Room::new(11).frames(8.0, glide(Vector3::new(1.5, 0.5, 0.0), 0.5, 5.0));
+    let mut frames = Room::new(11).frames(8.0, glide(Vector3::new(1.5, 0.5, 0.0), 0.2, 5.0));
     for frame in &mut frames[40..45] {
         frame.points.clear();
     }

@@ -17,7 +17,7 @@ pub(super) fn every_scan_gives_one_pose_with_its_own_header<S: Odometry>(_: &Lim
 pub(super) fn a_walk_through_a_room_is_followed_without_a_jump<S: Odometry>(limits: &Limits) {
     let room = Room { max: Vector3::new(12.0, 1.5, 1.8), ..Room::new(1) };
     // 1.1 m/s in the middle of the way.
-    let frames = room.frames(9.0, glide(Vector3::new(3.0, -0.6, 0.1), 0.6, 6.0));
+    let frames = room.frames(9.0, glide(Vector3::new(3.0, -0.6, 0.1), 0.2, 6.0));
     let pipeline = run::<S>(&frames);
     assert_sound(pipeline.trajectory());
     assert_end(&pipeline, &frames, limits.walk);
