@@ -157,6 +157,30 @@ fn walks_go_where_they_should() {
 }
 
 #[test]
+fn after_every_lap_the_walker_is_where_it_began_and_on_the_way_it_never_jumps() {
+    for world in [WorldKind::Corridor, WorldKind::Hall] {
+        let laps = |laps| {
+            let config = Config { world, laps, gait: 0.0, ..Config::default() };
+            simulate(&config, &Rig::default()).unwrap().walk().clone()
+        };
+        let walk = laps(3);
+        let lap_ns = walk.end_ns() as f64 / 3.0;
+        let at = |ns: f64| walk.map_from_lidar(ns as i64);
+        for lap in [1.0, 2.0] {
+            // The second lap begins as the first did: with a standstill.
+            let apart = at(lap * lap_ns + 1e9).inverse() * at(1e9);
+            assert!(apart.translation.vector.norm() < 1e-6, "{world:?}: {apart}");
+            assert!(log_so3(&apart.rotation).norm() < 1e-6, "{world:?}: {apart}");
+        }
+        let steps = (0..walk.end_ns() / 10_000_000).map(|k| k as f64 * 1e7);
+        let longest = steps.map(|ns| (at(ns).inverse() * at(ns + 1e7)).translation.vector.norm());
+        // 1.1 m/s, and a turn of 85 degrees/s about an axis 0.15 m behind.
+        assert!(longest.fold(0.0, f64::max) < 0.012);
+        assert!(walk.frames() > 3 * laps(1).frames(), "the way back counts");
+    }
+}
+
+#[test]
 fn the_same_seed_gives_the_same_walk_and_another_seed_another() {
     let run = |seed| -> Vec<Frame> {
         let config = Config { seed, duration_s: Some(5.0), ..Config::default() };
