@@ -104,7 +104,7 @@ impl Report {
             limits.row([
                 limit.what.clone(),
                 short(limit.value),
-                format!("{sign} {}", limit.limit),
+                format!("{sign} {}", short(limit.limit)),
                 if limit.holds { "yes" } else { "**no**" }.to_owned(),
             ]);
         }
