@@ -31,7 +31,6 @@ pub(crate) struct CentroidMap {
     radius: f64,
     max_radius: f64,
     /// Way gone so far, and that after which an unseen voxel is stale, metres.
-    frame: u32,
     way: f32,
     max_way: f32,
     /// Voxels given up because they were too far or stale, and new ones refused because the map was full.
@@ -43,16 +42,13 @@ pub(crate) struct CentroidMap {
 struct Voxel {
     key: u64,
     count: u32,
-    /// Frames in which it was seen, and the last of them.
-    frames: u32,
-    last_frame: u32,
     /// Way gone when it was last seen, metres.
     seen: f32,
     mean: Vector3<f64>,
 }
 
 impl Voxel {
-    const FREE: Self = Self { key: EMPTY, count: 0, frames: 0, last_frame: 0, seen: 0.0, mean: Vector3::new(0.0, 0.0, 0.0) };
+    const FREE: Self = Self { key: EMPTY, count: 0, seen: 0.0, mean: Vector3::new(0.0, 0.0, 0.0) };
 }
 
 impl CentroidMap {
@@ -68,7 +64,6 @@ impl CentroidMap {
             hand: 0,
             radius: max_radius,
             max_radius,
-            frame: 1,
             way: 0.0,
             max_way: max_way as f32,
             evicted: 0,
@@ -104,10 +99,6 @@ impl CentroidMap {
             *voxel = Voxel { key, ..Voxel::FREE };
         }
         voxel.seen = self.way;
-        if voxel.last_frame != self.frame {
-            voxel.frames = voxel.frames.saturating_add(1);
-            voxel.last_frame = self.frame;
-        }
         if voxel.count < FULL {
             voxel.count += 1;
             voxel.mean += (point - voxel.mean) / f64::from(voxel.count);
@@ -123,7 +114,7 @@ impl CentroidMap {
                 for k in -reach..=reach {
                     let Some(key) = key([x + i, y + j, z + k]) else { continue };
                     let Some(voxel) = self.slots.get(self.slot_of(key)) else { continue };
-                    if voxel.key == key && voxel.count >= RIPE && voxel.frames >= ripe_frames() && voxel.seen >= self.way - self.max_way {
+                    if voxel.key == key && voxel.count >= RIPE && voxel.seen >= self.way - self.max_way {
                         insert_sorted(
                             &mut nearest,
                             ((voxel.mean - point).norm_squared(), voxel.mean),
@@ -139,7 +130,6 @@ impl CentroidMap {
     /// Gives up voxels that are far from the LiDAR or stale: a part of the table each frame. `way` is that gone so far, metres.
     pub(crate) fn forget_far(&mut self, lidar: &Vector3<f64>, way: f64) {
         self.way = way as f32;
-        self.frame = self.frame.wrapping_add(1).max(1);
         let nearly_full = self.len > self.max_len / 4 * 3;
         let factor = if nearly_full { SHRINK } else { 1.0 / SHRINK };
         self.radius = (self.radius * factor).clamp(LEAST_RADIUS.min(self.max_radius), self.max_radius);
@@ -326,5 +316,3 @@ mod tests {
         assert_eq!(map.len(), 0);
     }
 }
-
-fn ripe_frames() -> u32 { std::env::var("RIPEF").map_or(1, |v| v.parse().unwrap()) }

@@ -83,7 +83,6 @@ pub(super) fn a_loss_is_said_and_mended<S: Odometry>(limits: &Limits) {
     let pipeline = run::<S>(&frames);
     assert_sound(pipeline.trajectory());
     let states: Vec<_> = pipeline.trajectory().iter().map(|pose| pose.tracking_state().unwrap()).collect();
-    println!("{:?} {:?}", &states[40..70], pipeline.trajectory()[40..70].iter().map(|p| (p.degenerate, (p.quality * 100.0) as i32)).collect::<Vec<_>>());
     assert!(states[45..60].contains(&TrackingState::Lost) && pipeline.odometry.losses() >= 1);
     assert_eq!(states.last(), Some(&TrackingState::Tracking), "{}", pipeline.odometry.said());
     let lost = states.iter().filter(|state| **state == TrackingState::Lost).count();
