@@ -46,7 +46,22 @@ pub(crate) enum Command {
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
     Convert(ConvertArgs),
+    /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
+    Experiment(crate::experiment::ExperimentArgs),
+    /// Compare trajectories with the truth
+    ///
+    /// Prints APE, RPE, end drift and the heights' figures of every estimate, and writes evaluation.json, path.png (from
+    /// above) and axes.png (x, y and z over time).
+    #[command(after_help = EVAL_HELP)]
+    Eval(EvalArgs),
 }
+
+const EVAL_HELP: &str = "Trajectories are TUM files, `seconds tx ty tz qx qy qz qw` a line. Figures are defined as evo's:\n  \
+    APE, SE(3) aligned     after the best rigid alignment of all positions (evo_ape --align)\n  \
+    APE, first aligned     after laying the first poses on each other (evo_ape --align_origin)\n  \
+    RPE over 1 s, 1 m      all pairs a second, or a metre of true path, apart (evo_rpe --all_pairs)\n  \
+    z above the start      the ten figures of the paper's Table 1, first poses aligned\n\n\
+    Between poses of the truth at most 1 s apart it is interpolated.";
 
 const MAP_HELP: &str = "Recordings:\n  \
     WALK.bag               ROS 1 bag: livox_ros_driver/CustomMsg or sensor_msgs/PointCloud2, and sensor_msgs/Imu\n  \
@@ -65,6 +80,24 @@ pub(crate) enum World {
     Hall,
     /// Two storeys and the stairs between them.
     Stairwell,
+    /// Corridors drawn from --building: rectangle, L, U, figure of eight, T or Z.
+    FloorPlan,
+    /// A cellar of quarry stone and broken plaster, drawn from --building.
+    Rough,
+    /// Round bores through rough rock, drawn from --building.
+    Tunnel,
+    /// A plant room with tanks and pipes, drawn from --building.
+    Plant,
+    /// An office with desks, chairs, shelves and plants, drawn from --building.
+    Office,
+    /// An atrium with glass that throws nothing back, drawn from --building.
+    Atrium,
+    /// A hall of 50 x 30 m with few things in it, drawn from --building.
+    OpenHall,
+    /// A corridor with ramps up and down, drawn from --building.
+    Ramp,
+    /// A landing around a deep stairwell's eye, beside a lift shaft, drawn from --building.
+    Shaft,
 }
 
 /// Stages that say where the LiDAR is.
@@ -97,6 +130,9 @@ pub(crate) struct DemoArgs {
     /// The building
     #[arg(long, value_enum, default_value_t = World::Corridor)]
     pub(crate) world: World,
+    /// Which building of a kind that is drawn from a number
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(crate) building: u64,
     /// End the walk after this many seconds
     #[arg(long, value_name = "SECONDS")]
     pub(crate) duration: Option<f64>,
@@ -220,4 +256,23 @@ pub(crate) struct ConvertArgs {
     /// Octree file, .bt (occupied or free) or .ot (log-odds)
     #[arg(short, long, value_name = "MAP.bt|MAP.ot")]
     pub(crate) output: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct EvalArgs {
+    /// True trajectory
+    #[arg(value_name = "TRUTH.tum")]
+    pub(crate) truth: PathBuf,
+    /// Estimated trajectories, one column and one line each
+    #[arg(value_name = "ESTIMATE.tum", required = true)]
+    pub(crate) estimates: Vec<PathBuf>,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-eval")]
+    pub(crate) output: PathBuf,
+    /// Print JSON instead of the table
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Compare stamps as they are [default: times since the first pose of each file]
+    #[arg(long)]
+    pub(crate) absolute_time: bool,
 }

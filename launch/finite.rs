@@ -33,12 +33,23 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         World::Corridor => "corridor",
         World::Hall => "hall",
         World::Stairwell => "stairwell",
+        World::FloorPlan => "floor_plan",
+        World::Rough => "rough",
+        World::Tunnel => "tunnel",
+        World::Plant => "plant",
+        World::Office => "office",
+        World::Atrium => "atrium",
+        World::OpenHall => "open_hall",
+        World::Ramp => "ramp",
+        World::Shaft => "shaft",
     };
     set(&mut pipeline, "simulator", "world", Value::from(world));
-    let seed = i64::try_from(args.seed).map_err(|_| {
-        LaunchError::Path(format!("--seed {} is too large; use at most {}", args.seed, i64::MAX))
-    })?;
-    set(&mut pipeline, "simulator", "seed", Value::from(seed));
+    for (key, value) in [("seed", args.seed), ("building", args.building)] {
+        let number = i64::try_from(value).map_err(|_| {
+            LaunchError::Path(format!("--{key} {value} is too large; use at most {}", i64::MAX))
+        })?;
+        set(&mut pipeline, "simulator", key, Value::from(number));
+    }
     if let Some(duration) = args.duration {
         set(&mut pipeline, "simulator", "duration_s", Value::from(duration));
     }
@@ -194,13 +205,14 @@ fn choose(pipeline: &mut Pipeline, args: &OdometryArgs) {
     }
 }
 
-fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
+/// Sets a key of every stage of a kind.
+pub(crate) fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value) {
     for entry in pipeline.stages.iter_mut().filter(|entry| entry.kind == stage) {
         entry.config.insert(key.to_owned(), value.clone());
     }
 }
 
-fn create_folder(folder: &Path) -> Result<(), LaunchError> {
+pub(crate) fn create_folder(folder: &Path) -> Result<(), LaunchError> {
     std::fs::create_dir_all(folder).map_err(|cause| {
         LaunchError::Path(format!(
             "{}: {cause}; choose a folder that you may write to with -o",

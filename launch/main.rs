@@ -5,6 +5,8 @@ mod cli;
 mod convert;
 mod drift;
 mod error;
+mod eval;
+mod experiment;
 mod finite;
 mod health_board;
 mod live;
@@ -44,5 +46,7 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Check(args) => check::check_file(&args.pipeline),
         Command::Stage(args) => registry::run_stage(&args),
         Command::Convert(args) => convert::convert(&args),
+        Command::Experiment(args) => experiment::experiment(&args),
+        Command::Eval(args) => eval::eval(&args),
     }
 }

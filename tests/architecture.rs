@@ -12,14 +12,31 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-frames" | "evac-testkit" => &[],
         "evac-geometry" => &["evac-frames"],
         "evac-formats" => &["evac-geometry"],
+        "evac-evaluation" => &["evac-geometry", "evac-formats"],
+        "evac-picture" => &["evac-formats"],
         "evac-octree" => &["evac-frames", "evac-formats"],
         "evac-config" => &["evac-geometry"],
         "evac-ports" => &["evac-frames"],
         "evac-stage" => &["evac-config", "evac-frames", "evac-ports"],
         "evac-deskewer" | "evac-odometry" => &["evac-frames", "evac-geometry", "evac-stage"],
         "evac-octree-mapper" => &["evac-frames", "evac-geometry", "evac-octree", "evac-stage"],
-        "evac-simulator" | "evac-replay" | "evac-grid-exporter" | "evac-map-saver" => {
+        "evac-simulator" | "evac-replay" | "evac-map-saver" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-stage"]
+        }
+        "evac-experiments" => &[
+            "evac-config",
+            "evac-deskewer",
+            "evac-evaluation",
+            "evac-formats",
+            "evac-frames",
+            "evac-geometry",
+            "evac-odometry",
+            "evac-replay",
+            "evac-simulator",
+            "evac-stage",
+        ],
+        "evac-grid-exporter" => {
+            &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-picture", "evac-stage"]
         }
         other => unreachable!("{other} is new: say here what it may depend on"),
     }

@@ -52,6 +52,8 @@ impl Deskewer {
         header.no_return = header.no_return.max(tally.no_return);
         header.rejected = header.rejected.saturating_add(tally.rejected);
         header.points = tally.kept;
+        let time_offset_ns = input.prior.map_or(self.motion.time_offset_ns(), |pose| pose.time_offset_ns);
+        header.time_offset_us = i32::try_from(time_offset_ns / 1000).unwrap_or_default();
         counters.rejected += u64::from(tally.rejected);
 
         let enabled = self.enabled;

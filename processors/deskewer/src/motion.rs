@@ -3,7 +3,7 @@
 use evac_frames::{FrameHeader, ImuSample, PoseFrame, TrackingState};
 use evac_geometry::nalgebra::{UnitQuaternion, Vector3, Vector4};
 use evac_geometry::{
-    ImuCoverage, ImuIntegrator, ImuState, STANDARD_GRAVITY, StandstillDetector, map_from_imu,
+    ImuConditioner, ImuCoverage, ImuIntegrator, ImuState, STANDARD_GRAVITY, StandstillDetector, map_from_imu,
 };
 use evac_stage::ScanWithImu;
 
@@ -21,6 +21,7 @@ use crate::DeskewerConfig;
 pub(crate) struct Motion {
     config: DeskewerConfig,
     integrator: ImuIntegrator,
+    conditioner: ImuConditioner,
     detector: StandstillDetector,
     /// IMU samples since the oldest pose that may still come, in order of time.
     history: Vec<ImuSample>,
@@ -38,16 +39,19 @@ const CLOCK_RESTART_NS: i64 = 1_000_000_000;
 /// Time constant with which gravity follows the mean specific force while no pose corrects it, seconds: long against a
 /// step, short against the tilt that a gyroscope bias makes (3 degrees in it at 0.3 deg/s).
 const LEVELLING_S: f64 = 10.0;
+/// No integrated velocity beyond this is believed, m/s: a runner's.
+const MAX_OWN_SPEED: f64 = 4.0;
 /// A frame is 100 ms; one this long is a broken header.
 const LONGEST_FRAME_NS: i64 = 10_000_000_000;
 /// Largest believable offset between the clocks of IMU and LiDAR.
-const MAX_OFFSET_NS: i64 = 200_000_000;
+const MAX_OFFSET_NS: i64 = evac_frames::MAX_TIME_OFFSET_NS;
 
 impl Motion {
     pub(crate) fn new(config: DeskewerConfig) -> Self {
         Self {
             config,
             integrator: ImuIntegrator::new(HISTORY),
+            conditioner: ImuConditioner::default(),
             detector: StandstillDetector::default(),
             history: Vec::with_capacity(HISTORY),
             state: None,
@@ -85,6 +89,11 @@ impl Motion {
         None
     }
 
+    /// Offset to add to IMU stamps as it was known last, nanoseconds.
+    pub(crate) fn time_offset_ns(&self) -> i64 {
+        self.state.map_or(0, |state| state.time_offset_ns)
+    }
+
     fn restart(&mut self) {
         self.detector = StandstillDetector::default();
         self.history.clear();
@@ -103,11 +112,15 @@ impl Motion {
             if !is_new || sample.stamp_ns > latest_ns {
                 continue;
             }
-            self.detector.push(sample);
+            let conditioned = self.conditioner.push(sample);
+            if let (Some(last), Some(corrected)) = (self.history.last_mut(), conditioned.previous) {
+                *last = corrected;
+            }
+            self.detector.push(&conditioned.sample);
             if self.history.len() == HISTORY {
                 self.history.drain(..HISTORY / 4);
             }
-            self.history.push(*sample);
+            self.history.push(conditioned.sample);
         }
     }
 
@@ -188,8 +201,10 @@ impl Motion {
         let seconds = (end.time_ns - start.time_ns) as f64 * 1e-9;
         // Over many steps the acceleration averages to zero: what remains of it is an error of gravity.
         let gravity = start.gravity - (end.velocity - start.velocity) / LEVELLING_S;
+        // What is faster than any carrier came out of bad samples; no velocity is the better guess then.
+        let fade = if end.velocity.norm() > MAX_OWN_SPEED { 0.0 } else { (-seconds / self.config.velocity_decay_s).exp() };
         ImuState {
-            velocity: end.velocity * (-seconds / self.config.velocity_decay_s).exp(),
+            velocity: end.velocity * fade,
             gravity: gravity.try_normalize(1e-9).map_or(start.gravity, |down| down * STANDARD_GRAVITY),
             position: Vector3::zeros(),
             ..end

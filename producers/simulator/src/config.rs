@@ -5,18 +5,7 @@ use std::path::PathBuf;
 use evac_stage::StageConfig;
 use serde::{Deserialize, Serialize};
 
-/// The building that is walked through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum WorldKind {
-    /// A basement corridor in a rectangle of 17 x 11 m, walked once round (four turns of 90 degrees on the spot).
-    #[default]
-    Corridor,
-    /// A station hall of 34 x 20 m with pillars, stairs, ticket machines and walking people.
-    Hall,
-    /// Two storeys of 3.4 m joined by a dog-leg stair, which the walker climbs.
-    Stairwell,
-}
+use crate::world_kind::WorldKind;
 
 /// Configuration of the simulator.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,8 +13,23 @@ pub enum WorldKind {
 pub struct Config {
     /// The building.
     pub world: WorldKind,
+    /// Measured point clouds (PCD, metres, z up) that `semi_real` is made of; all in one frame.
+    pub clouds: Vec<PathBuf>,
+    /// Places that the IMU passes in `semi_real`, in the clouds' frame, metres; at least 1 m apart. Points of the clouds
+    /// within 0.7 m of the way are left out.
+    pub way_points_m: Vec<[f64; 3]>,
+    /// Which building of a kind that is drawn from a number; the other kinds stay as they are.
+    pub building: u64,
+    /// How far surfaces of plaster and stone are off ideal planes, root mean square in metres (floors, ceilings and pillars
+    /// of concrete 0.4 of it, metal and wood nothing); where it is absent the world's own, 0 in all box worlds.
+    pub roughness_m: Option<f64>,
     /// Seed of noise, biases and gait phases; the building and the route do not depend on it.
     pub seed: u64,
+    /// Begins the data in mid-stride: the standstill at the start and the first 1.5 s of walking are left out.
+    pub start_walking: bool,
+    /// Times that the route is walked; after each the walker goes straight back to its start, so more than one is for routes that
+    /// end near it: those of `corridor` and `hall`.
+    pub laps: u32,
     /// Ends the walk early, seconds; the whole walk where it is absent.
     pub duration_s: Option<f64>,
     /// Walking speed on straight legs, m/s.
@@ -46,6 +50,9 @@ pub struct Config {
     pub min_range_m: f64,
     /// Nothing farther is measured, metres (Mid-40 data sheet: 90 m at 10 % reflectivity).
     pub max_range_m: f64,
+    /// Samples of the IMU per second: a multiple of 10 that divides 1,000,000,000 (10 to 1000), so that frames begin and
+    /// end with a sample. Noise per sample grows with the root of the rate, as of a sensor with that bandwidth.
+    pub imu_rate_hz: u32,
     /// White noise of the gyroscope per 200 Hz sample, one sigma, degrees/s.
     pub gyro_noise_dps: f64,
     /// White noise of the accelerometer per 200 Hz sample, one sigma, m/s^2.
@@ -73,7 +80,13 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             world: WorldKind::Corridor,
+            clouds: Vec::new(),
+            way_points_m: Vec::new(),
+            building: 1,
+            roughness_m: None,
             seed: 1,
+            start_walking: false,
+            laps: 1,
             duration_s: None,
             speed_m_s: 1.1,
             turn_rate_dps: 85.0,
@@ -84,6 +97,7 @@ impl Default for Config {
             stray_share: 0.003,
             min_range_m: 0.3,
             max_range_m: 90.0,
+            imu_rate_hz: 200,
             gyro_noise_dps: 0.08,
             accel_noise_m_s2: 0.03,
             gyro_bias_dps: 0.3,
@@ -101,7 +115,9 @@ impl Default for Config {
 impl StageConfig for Config {
     fn check(&self) -> Result<(), String> {
         let ranges = [
+            ("laps", f64::from(self.laps), 1.0, 1000.0),
             ("duration_s", self.duration_s.unwrap_or(1.0), 0.1, 3600.0),
+            ("roughness_m", self.roughness_m.unwrap_or(0.0), 0.0, 0.05),
             ("speed_m_s", self.speed_m_s, 0.1, 3.0),
             ("turn_rate_dps", self.turn_rate_dps, 5.0, 360.0),
             ("gait", self.gait, 0.0, 4.0),
@@ -112,6 +128,7 @@ impl StageConfig for Config {
             ("stray_share", self.stray_share, 0.0, 1.0),
             ("min_range_m", self.min_range_m, 0.05, 10.0),
             ("max_range_m", self.max_range_m, 10.0, 1000.0),
+            ("imu_rate_hz", f64::from(self.imu_rate_hz), 10.0, 1000.0),
             ("gyro_noise_dps", self.gyro_noise_dps, 0.0, 10.0),
             ("accel_noise_m_s2", self.accel_noise_m_s2, 0.0, 10.0),
             ("gyro_bias_dps", self.gyro_bias_dps, 0.0, 10.0),
@@ -128,7 +145,53 @@ impl StageConfig for Config {
                 ));
             }
         }
+        self.check_clouds()?;
+        if !self.imu_rate_hz.is_multiple_of(10) || !1_000_000_000_u32.is_multiple_of(self.imu_rate_hz) {
+            return Err(format!(
+                "imu_rate_hz = {} is not a multiple of 10 that divides 1,000,000,000; use 100, 200, 400, 500 or 1000",
+                self.imu_rate_hz
+            ));
+        }
         Ok(())
+    }
+}
+
+impl Config {
+    fn check_clouds(&self) -> Result<(), String> {
+        if self.world != WorldKind::SemiReal {
+            return if self.clouds.is_empty() && self.way_points_m.is_empty() {
+                Ok(())
+            } else {
+                Err("clouds and way_points_m belong to world = \"semi_real\"; leave them out or choose it"
+                    .to_owned())
+            };
+        }
+        if self.clouds.is_empty() || self.way_points_m.len() < 2 {
+            return Err("world = \"semi_real\" needs clouds = [\"FILE.pcd\"] and at least two way_points_m"
+                .to_owned());
+        }
+        let far = |pair: &[[f64; 3]]| {
+            let way = [0, 1].map(|i| pair[1][i] - pair[0][i]);
+            (1.0..10_000.0).contains(&way[0].hypot(way[1]))
+                && (pair[1][2] - pair[0][2]).abs() < way[0].hypot(way[1])
+        };
+        match self.way_points_m.windows(2).find(|pair| !far(pair)) {
+            Some(pair) => Err(format!(
+                "way_points_m {:?} and {:?} must be finite, at least 1 m apart and not steeper than 45 degrees",
+                pair[0], pair[1]
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// The roughness that holds, metres.
+    pub(crate) fn roughness(&self) -> f64 {
+        self.roughness_m.unwrap_or(self.world.roughness_m())
+    }
+
+    /// Time between two IMU samples, nanoseconds.
+    pub(crate) fn sample_ns(&self) -> i64 {
+        1_000_000_000 / i64::from(self.imu_rate_hz.max(1))
     }
 }
 
@@ -155,5 +218,43 @@ mod tests {
         let error = Config { speed_m_s: f64::NAN, ..Config::default() }.check().unwrap_err();
         assert!(error.contains("speed_m_s") && error.contains("0.1 to 3"), "{error}");
         assert!(Config { gait: -1.0, ..Config::default() }.check().is_err());
+    }
+
+    #[test]
+    fn measured_worlds_need_clouds_and_a_way_and_other_worlds_refuse_them() {
+        let measured = |clouds: &[&str], way: &[[f64; 3]]| Config {
+            world: WorldKind::SemiReal,
+            clouds: clouds.iter().map(PathBuf::from).collect(),
+            way_points_m: way.to_vec(),
+            ..Config::default()
+        };
+        let way = [[0.0; 3], [5.0, 1.0, 0.2]];
+        assert_eq!(measured(&["a.pcd"], &way).check(), Ok(()));
+        assert!(measured(&[], &way).check().unwrap_err().contains("clouds"));
+        assert!(measured(&["a.pcd"], &way[..1]).check().unwrap_err().contains("way_points_m"));
+        for bad in [[0.5, 0.0, 0.0], [f64::NAN, 5.0, 0.0], [5.0, 0.0, 6.0]] {
+            assert!(
+                measured(&["a.pcd"], &[[0.0; 3], bad]).check().unwrap_err().contains("at least 1 m apart")
+            );
+        }
+        let elsewhere = Config { world: WorldKind::Hall, ..measured(&["a.pcd"], &way) };
+        assert!(elsewhere.check().unwrap_err().contains("semi_real"));
+        let text = toml::to_string(&measured(&["a.pcd"], &way)).unwrap();
+        assert_eq!(toml::from_str::<Config>(&text).unwrap(), measured(&["a.pcd"], &way));
+    }
+
+    #[test]
+    fn only_rates_whose_samples_fall_on_the_borders_of_frames_are_taken() {
+        for rate in [100, 200, 400, 500, 1000] {
+            assert_eq!(Config { imu_rate_hz: rate, ..Config::default() }.check(), Ok(()));
+        }
+        for rate in [0, 30, 125, 2000] {
+            assert!(
+                Config { imu_rate_hz: rate, ..Config::default() }
+                    .check()
+                    .unwrap_err()
+                    .contains("imu_rate_hz")
+            );
+        }
     }
 }

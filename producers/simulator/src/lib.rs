@@ -1,4 +1,4 @@
-//! Walks that never happened: box worlds, a Livox Mid-40 and a WIT Motion WT901C, with the truth.
+//! Walks that never happened: buildings smooth and rough, a Livox Mid-40 and a WIT Motion WT901C, with the truth.
 //!
 //! ```
 //! use evac_simulator::{Config, simulate};
@@ -9,6 +9,7 @@
 //! # Ok::<(), evac_stage::StageError>(())
 //! ```
 
+mod catalogue;
 mod config;
 mod mid40;
 mod random;
@@ -17,10 +18,14 @@ mod source;
 mod trajectory;
 mod walk;
 mod world;
+mod world_kind;
 mod wt901c;
 
-pub use config::{Config, WorldKind};
+pub use catalogue::{CatalogueWalk, Group, catalogue, semi_real};
+pub use config::Config;
 pub use mid40::{FIELD_OF_VIEW_DEG, SHOT_NS, direction};
+pub use random::Random;
 pub use source::Simulator;
 pub use walk::{FRAME_NS, Frame, Frames, Walk, simulate};
+pub use world_kind::WorldKind;
 pub use wt901c::SAMPLE_NS;

@@ -1,8 +1,8 @@
-//! The simulator's own random numbers: the same on every platform for the same seed.
+//! Random numbers that are the same on every platform for the same seed.
 
 /// SplitMix64 (Steele, Lea and Flood 2014): one word of state, passes BigCrush, and any seed is a good seed.
 #[derive(Debug, Clone)]
-pub(crate) struct Random {
+pub struct Random {
     state: u64,
     spare: Option<f64>,
 }
@@ -10,7 +10,7 @@ pub(crate) struct Random {
 impl Random {
     /// An independent stream for each purpose of one seed, so that a change in one sensor's settings does not move
     /// the other sensor's noise.
-    pub(crate) fn new(seed: u64, stream: u64) -> Self {
+    pub fn new(seed: u64, stream: u64) -> Self {
         let mut random = Self { state: seed ^ stream.wrapping_mul(0xd1b5_4a32_d192_ed03), spare: None };
         random.state = random.next();
         random
@@ -24,12 +24,27 @@ impl Random {
     }
 
     /// Evenly distributed in [0, 1).
-    pub(crate) fn uniform(&mut self) -> f64 {
+    pub fn uniform(&mut self) -> f64 {
         (self.next() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
     }
 
+    /// Evenly distributed in [low, high).
+    pub(crate) fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.uniform()
+    }
+
+    /// True with this probability.
+    pub(crate) fn chance(&mut self, share: f64) -> bool {
+        self.uniform() < share
+    }
+
+    /// A whole number below `count`.
+    pub(crate) fn below(&mut self, count: usize) -> usize {
+        ((self.uniform() * count as f64) as usize).min(count.saturating_sub(1))
+    }
+
     /// Normal with mean 0 and standard deviation 1 (Marsaglia's polar method).
-    pub(crate) fn normal(&mut self) -> f64 {
+    pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;
         }
@@ -45,7 +60,7 @@ impl Random {
     }
 
     /// Three independent normals.
-    pub(crate) fn normals(&mut self) -> [f64; 3] {
+    pub fn normals(&mut self) -> [f64; 3] {
         [self.normal(), self.normal(), self.normal()]
     }
 }

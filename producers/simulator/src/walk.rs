@@ -1,5 +1,7 @@
 //! One simulated walk: world, trajectory and sensors put together, frame by frame.
 
+use std::sync::Arc;
+
 use evac_formats::wt901c::Scales;
 use evac_frames::{FrameHeader, ImuSample, Point, PoseFrame, ScanHeader, TrackingState, frame_flags};
 use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -11,7 +13,7 @@ use crate::mid40::{Mid40, SHOTS_PER_FRAME};
 use crate::random::Random;
 use crate::trajectory::{Gait, Trajectory};
 use crate::world::World;
-use crate::wt901c::{SAMPLE_NS, Wt901c};
+use crate::wt901c::Wt901c;
 
 /// Length of a frame, nanoseconds.
 pub const FRAME_NS: i64 = 100_000_000;
@@ -27,13 +29,14 @@ pub(crate) struct Sampled {
 /// The walk as its sensors see it. IMU samples and scans are drawn one after the other, independently.
 #[derive(Debug, Clone)]
 pub struct Walk {
-    world: World,
+    world: Arc<World>,
     trajectory: Trajectory,
     imu_from_lidar: Isometry3<f64>,
     map_from_world: Isometry3<f64>,
     frames: u64,
     clock_offset_ns: f64,
     clock_rate: f64,
+    sample_ns: i64,
     lidar: Mid40,
     imu: Wt901c,
     next_frame: u64,
@@ -44,12 +47,14 @@ impl Walk {
     /// Builds the world and puts the walker at its start.
     ///
     /// # Errors
-    /// [`StageError::Config`] for a value out of range.
+    /// [`StageError::Config`] for a value out of range, [`StageError::File`] for a cloud that cannot be read.
     pub fn new(config: &Config, rig: &Rig) -> Result<Self, StageError> {
         config.check().map_err(StageError::Config)?;
-        let (world, route) = World::build(config);
+        let (world, route) = World::build(config)?;
         let gait = Gait::new(config.gait, &mut Random::new(config.seed, 0));
-        let trajectory = Trajectory::new(route, gait, config.mount_tilt_deg.map(f64::to_radians));
+        let skipped = if config.start_walking { route.stride_s() } else { 0.0 };
+        let tilt = config.mount_tilt_deg.map(f64::to_radians);
+        let trajectory = Trajectory::new(route, gait, tilt).without_first(skipped);
         let duration = config.duration_s.unwrap_or(f64::INFINITY).min(trajectory.duration_s());
         let frames = (duration * 1e9 / FRAME_NS as f64 + 1e-6).floor() as u64;
         let imu_from_lidar = rig.imu_from_lidar();
@@ -60,7 +65,8 @@ impl Walk {
             imu: Wt901c::new(config, Random::new(config.seed, 2)),
             clock_offset_ns: config.imu_clock_offset_ms * 1e6,
             clock_rate: 1.0 + config.imu_clock_ppm * 1e-6,
-            world,
+            sample_ns: config.sample_ns(),
+            world: Arc::new(world),
             trajectory,
             imu_from_lidar,
             frames,
@@ -81,7 +87,7 @@ impl Walk {
 
     /// Stamp of the next IMU sample, nanoseconds; `None` after the last, which is at the end of the last scan.
     pub(crate) fn next_imu_ns(&self) -> Option<i64> {
-        let stamp = self.next_sample as i64 * SAMPLE_NS;
+        let stamp = self.next_sample as i64 * self.sample_ns;
         (stamp <= self.end_ns()).then_some(stamp)
     }
 
@@ -97,7 +103,7 @@ impl Walk {
             stamp_ns,
             gyro: scales.gyro(gyro),
             accel: scales.accel(accel),
-            flags: if stamp_ns + SAMPLE_NS > self.end_ns() { frame_flags::END_OF_STREAM } else { 0 },
+            flags: if stamp_ns + self.sample_ns > self.end_ns() { frame_flags::END_OF_STREAM } else { 0 },
             ..ImuSample::default()
         };
         self.next_sample += 1;
@@ -216,7 +222,7 @@ impl Iterator for Frames {
         while self.walk.next_imu_ns().is_some_and(|stamp| stamp <= end_ns) {
             imu.extend(self.walk.next_imu().map(|sampled| sampled.sample));
         }
-        // 100 ms are 20 sample periods: the last sample lies on the border exactly.
+        // 100 ms are whole sample periods: the last sample lies on the border exactly.
         self.border = imu.last().copied();
         let mut points = Vec::with_capacity(SHOTS_PER_FRAME);
         let (header, truth) = self.walk.next_scan(&mut points)?;
@@ -227,7 +233,7 @@ impl Iterator for Frames {
 /// Walks in memory: an iterator over frames, without processes, files or shared memory.
 ///
 /// # Errors
-/// [`StageError::Config`] for a value out of range.
+/// As [`Walk::new`].
 pub fn simulate(config: &Config, rig: &Rig) -> Result<Frames, StageError> {
     Ok(Frames { walk: Walk::new(config, rig)?, border: None })
 }

@@ -7,11 +7,11 @@ use crate::config::Config;
 use crate::random::Random;
 use crate::trajectory::Motion;
 
-/// Time between two samples, nanoseconds.
+/// Time between two samples at the default rate of 200 Hz, nanoseconds.
 pub const SAMPLE_NS: i64 = 5_000_000;
 
-/// The firmware calls it a standstill after this many samples below the threshold (0.3 s).
-const STANDSTILL_SAMPLES: u32 = 60;
+/// The firmware calls it a standstill after this long below the threshold, nanoseconds.
+const STANDSTILL_NS: i64 = 300_000_000;
 
 /// The sensor with its errors.
 #[derive(Debug, Clone)]
@@ -25,7 +25,8 @@ pub(crate) struct Wt901c {
     pub(crate) accel_bias: Vector3<f64>,
     auto_zero: bool,
     threshold: f64,
-    quiet_samples: u32,
+    sample_ns: i64,
+    quiet_ns: i64,
 }
 
 impl Wt901c {
@@ -33,16 +34,19 @@ impl Wt901c {
         let left = if config.auto_zero { config.auto_zero_residual } else { 1.0 };
         let gyro_bias = Vector3::from(random.normals()) * (config.gyro_bias_dps.to_radians() * left);
         let accel_bias = Vector3::from(random.normals()) * config.accel_bias_m_s2;
+        // The square root of the rate against that which the noise is given for; exactly 1 there.
+        let wider = (f64::from(config.imu_rate_hz) / 200.0).sqrt();
         Self {
             random,
-            gyro_noise: config.gyro_noise_dps.to_radians(),
-            accel_noise: config.accel_noise_m_s2,
+            gyro_noise: config.gyro_noise_dps.to_radians() * wider,
+            accel_noise: config.accel_noise_m_s2 * wider,
             gyro_bias,
             accel_bias,
             auto_zero: config.auto_zero,
             threshold: config.auto_zero_threshold_dps.to_radians(),
             // Switched on and calibrated before the walk starts, as its manual demands.
-            quiet_samples: STANDSTILL_SAMPLES,
+            sample_ns: config.sample_ns(),
+            quiet_ns: STANDSTILL_NS,
         }
     }
 
@@ -63,7 +67,7 @@ impl Wt901c {
             return gyro;
         }
         let quiet = gyro.amax() < self.threshold;
-        self.quiet_samples = if quiet { (self.quiet_samples + 1).min(STANDSTILL_SAMPLES) } else { 0 };
-        if self.quiet_samples == STANDSTILL_SAMPLES { Vector3::zeros() } else { gyro }
+        self.quiet_ns = if quiet { (self.quiet_ns + self.sample_ns).min(STANDSTILL_NS) } else { 0 };
+        if self.quiet_ns == STANDSTILL_NS { Vector3::zeros() } else { gyro }
     }
 }

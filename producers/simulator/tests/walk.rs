@@ -234,3 +234,32 @@ fn a_configuration_out_of_range_is_refused_before_anything_is_built() {
     let error = simulate(&Config { turn_rate_dps: 1e9, ..Config::default() }, &Rig::default()).unwrap_err();
     assert!(error.to_string().contains("turn_rate_dps"), "{error}");
 }
+
+#[test]
+fn an_imu_at_half_the_rate_measures_the_same_motion_with_every_second_sample() {
+    let config = ideal_imu();
+    let (full, half) = (imu(&config, 8.0), imu(&Config { imu_rate_hz: 100, ..config.clone() }, 8.0));
+    assert_eq!((full.len(), half.len()), (1601, 801));
+    for (full, half) in full.iter().step_by(2).zip(&half) {
+        assert_eq!((full.stamp_ns, full.gyro, full.accel), (half.stamp_ns, half.gyro, half.accel));
+    }
+}
+
+#[test]
+fn a_walk_that_starts_walking_is_the_same_walk_without_its_beginning() {
+    let config = Config { start_walking: true, ..ideal_imu() };
+    let walk = simulate(&config, &Rig::default()).unwrap().walk().clone();
+    let whole = simulate(&ideal_imu(), &Rig::default()).unwrap().walk().clone();
+    let skipped_ns = 4_500_000_000;
+    assert_eq!(whole.end_ns() - walk.end_ns(), skipped_ns);
+    let step = |walk: &evac_simulator::Walk, at: i64| {
+        walk.map_from_lidar(at).inverse() * walk.map_from_lidar(at + 100_000_000)
+    };
+    // At full speed from the first frame on.
+    assert!(step(&walk, 0).translation.vector.norm() > 0.1);
+    for k in 0..50 {
+        let at = k * 100_000_000;
+        let difference = step(&walk, at).inverse() * step(&whole, at + skipped_ns);
+        assert!((difference.to_homogeneous() - Isometry3::identity().to_homogeneous()).norm() < 1e-9);
+    }
+}

@@ -18,4 +18,4 @@ pub use health::{Ack, Health, LatencySummary, StageState};
 pub use layout::{Field, Layout, layout_hash};
 pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};
 pub use pose::{PoseFrame, TrackingState};
-pub use scan::{FrameHeader, ImuSample, Point, ScanHeader, frame_flags, scan_flags};
+pub use scan::{FrameHeader, ImuSample, MAX_TIME_OFFSET_NS, Point, ScanHeader, frame_flags, scan_flags};

@@ -42,7 +42,7 @@ frame! {
 
 frame! {
     /// User header of `lidar/scan` and `scan/deskewed`; the payload is a slice of [`Point`].
-    "evac.ScanHeader.v1", 72 bytes,
+    "evac.ScanHeader.v2", 72 bytes,
     pub struct ScanHeader {
         /// Sequence number and times.
         pub frame: FrameHeader,
@@ -56,8 +56,27 @@ frame! {
         pub rejected: u32,
         /// Packets missing inside the frame.
         pub lost_packets: u32,
-        /// Always zero.
-        pub reserved: u32,
+        /// Offset that the deskewer added to IMU stamps to get LiDAR time, microseconds; 0 in `lidar/scan`. Whoever joins
+        /// the scan with IMU samples needs those up to `imu_end_ns`.
+        pub time_offset_us: i32,
+    }
+}
+
+/// Largest offset between the clocks of IMU and LiDAR that is followed, nanoseconds. A clock that is farther off is a
+/// wrong one.
+pub const MAX_TIME_OFFSET_NS: i64 = 200_000_000;
+
+impl ScanHeader {
+    /// Stamp up to which the IMU must have spoken so that its samples cover the scan: the scan's end, and with IMU stamps
+    /// that run ahead (a negative `time_offset_ns`) later by as much.
+    pub fn imu_end_ns(&self, time_offset_ns: i64) -> i64 {
+        let lead_ns = time_offset_ns.saturating_neg().clamp(0, MAX_TIME_OFFSET_NS);
+        self.frame.end_ns.saturating_add(lead_ns)
+    }
+
+    /// The deskewer's time offset, nanoseconds.
+    pub fn time_offset_ns(&self) -> i64 {
+        i64::from(self.time_offset_us) * 1000
     }
 }
 

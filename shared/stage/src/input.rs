@@ -10,7 +10,8 @@ pub struct ScanWithImu<'a> {
     /// Its points, see [`Point`].
     pub points: &'a [Point],
     /// IMU samples in time order, from the last one at or before the previous frame's end (or this frame's start,
-    /// whichever is earlier; on the first frame: all that came before) to the first one at or after this frame's end.
+    /// whichever is earlier; on the first frame: all that came before) to the first one at or after this frame's end; with IMU stamps
+    /// that run ahead of the LiDAR's by a known offset, to the first one at or after [`ScanHeader::imu_end_ns`].
     /// Consecutive calls overlap by the samples at the border.
     pub imu: &'a [ImuSample],
     /// Whether `imu` covers the frame to its end, or is all there is because the IMU's stream has ended. False when the IMU

@@ -1,8 +1,8 @@
 //! What stands around the map: scale bar, axes and legend.
 
 use evac_formats::occupancy_grid::{FREE, OCCUPIED, UNKNOWN};
+use evac_picture::{Canvas, Frame, text_height, text_width};
 
-use super::canvas::{Canvas, Frame, text_height, text_width};
 use super::map::{self, MapView};
 use super::{INK, PAPER, PATH_FIRST, PATH_LAST};
 

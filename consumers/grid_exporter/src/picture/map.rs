@@ -1,10 +1,10 @@
 //! The map itself: cells, metre grid, path and markers.
 
 use evac_formats::occupancy_grid::{FREE, OCCUPIED, OccupancyGrid, UNKNOWN};
+use evac_picture::{Canvas, Colour, Frame, text_height, text_width};
 
 use crate::path::Path;
 
-use super::canvas::{Canvas, Colour, Frame, text_height, text_width};
 use super::{END, HATCH, INK, METRE_LINE, PAPER, PATH_FIRST, PATH_LAST, START, UNSEEN, WALL};
 
 /// A grid in its place on the picture.

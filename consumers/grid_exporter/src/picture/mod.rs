@@ -1,17 +1,15 @@
 //! The plan as a picture for people: walls dark, free space white, what is unknown hatched grey, the walked path with
 //! its start and end, a metre grid, a scale bar and a legend.
 
-mod canvas;
-mod font;
 mod furniture;
 mod map;
 
 use evac_formats::occupancy_grid::{FREE, OccupancyGrid};
 use evac_formats::rgb_image::RgbImage;
+use evac_picture::{Canvas, Colour, Frame, text_height, text_width};
 
 use crate::path::Path;
 
-use self::canvas::{Canvas, Colour, Frame, text_height, text_width};
 use self::map::MapView;
 
 const PAPER: Colour = [255, 255, 255];

@@ -2,6 +2,8 @@
 
 use evac_geometry::nalgebra::{Matrix3, Vector3};
 
+use super::sections::SectionId;
+
 /// Points before a plane is fitted.
 const MIN_POINTS: u32 = 20;
 /// A full cell takes no more points; freezing at 500 cost one hall walk decimetres.
@@ -9,7 +11,11 @@ const MAX_POINTS: u32 = 5000;
 /// Points are refitted when they have grown by this factor.
 const REFIT_GROWTH: f64 = 1.3;
 /// Thickest plane (standard deviation along the normal), metres: thicker ones are people and mixed surfaces.
-const MAX_THICKNESS: f64 = 0.025;
+const MAX_THICKNESS: f64 = 0.07;
+/// Variance of a point that the range noise does not explain (beam direction, time), m^2.
+pub(crate) const POINT_FLOOR: f64 = 0.005 * 0.005;
+/// So many sampling errors of the thickness above the sensor's own are taken for noise, not for roughness.
+const ROUGH_SIGMAS: f64 = 2.0;
 /// A planar cell refuses points farther off than so many of its thicknesses, at least 8 mm each.
 const REFUSE_SIGMAS: f64 = 4.0;
 const REFUSE_FLOOR: f64 = 0.008;
@@ -27,6 +33,8 @@ pub(crate) struct Plane {
     pub(crate) variances: [f64; 3],
     /// Points in the fit.
     pub(crate) points: f64,
+    /// Variance along the normal that the sensor does not explain, m^2: the surface is rough or uneven.
+    pub(crate) roughness: f64,
 }
 
 impl Plane {
@@ -56,28 +64,24 @@ pub(crate) struct Cell {
     mean: Vector3<f64>,
     /// Sums of products of deviations: xx, xy, xz, yy, yz, zz.
     scatter: [f64; 6],
+    /// Sums of products of the unit beams: how much of the range noise lies along a normal.
+    beams: [f32; 6],
     plane: Option<Plane>,
-    /// Uncertainty of the pose that it was first seen from.
-    born: PoseVariance,
-}
-
-/// Variances of a pose: position along the map's axes (m^2) and rotation about any of them (rad^2).
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct PoseVariance {
-    pub(crate) position: [f32; 3],
-    pub(crate) rotation: f32,
+    /// Section of the map that it belongs to.
+    pub(crate) section: SectionId,
 }
 
 impl Cell {
-    pub(crate) fn new(key: u64, frame: u32, born: PoseVariance) -> Self {
+    pub(crate) fn new(key: u64, frame: u32, section: SectionId) -> Self {
         Self {
             key,
-            born,
+            section,
             last_used: frame,
             count: 0,
             fitted_at: 0,
             mean: Vector3::zeros(),
             scatter: [0.0; 6],
+            beams: [0.0; 6],
             plane: None,
         }
     }
@@ -87,13 +91,9 @@ impl Cell {
         self.plane.as_ref()
     }
 
-    /// Uncertainty of the pose that it was first seen from: nothing that is matched with it can be better.
-    pub(crate) fn born(&self) -> &PoseVariance {
-        &self.born
-    }
-
-    /// Adds a point (Welford); a planar cell refuses points off its plane, which live in finer levels.
-    pub(crate) fn add(&mut self, point: &Vector3<f64>, edge: f64) {
+    /// Adds a point (Welford) seen along the unit vector `beam`; a planar cell refuses points off its plane, which live in
+    /// finer levels. `range_variance` is the sensor's, m^2.
+    pub(crate) fn add(&mut self, point: &Vector3<f64>, beam: &Vector3<f64>, edge: f64, range_variance: f64) {
         if self.count >= MAX_POINTS {
             return;
         }
@@ -108,38 +108,49 @@ impl Cell {
         let before = point - self.mean;
         self.mean += before / n;
         let after = point - self.mean;
-        for (sum, product) in self.scatter.iter_mut().zip([
-            before.x * after.x,
-            before.x * after.y,
-            before.x * after.z,
-            before.y * after.y,
-            before.y * after.z,
-            before.z * after.z,
-        ]) {
+        for (sum, product) in self.scatter.iter_mut().zip(products(&before, &after)) {
             *sum += product;
         }
+        for (sum, product) in self.beams.iter_mut().zip(products(beam, beam)) {
+            *sum += product as f32;
+        }
         if self.count >= MIN_POINTS && n >= f64::from(self.fitted_at) * REFIT_GROWTH {
-            self.fit(edge);
+            self.fit(edge, range_variance);
         }
     }
 
-    fn fit(&mut self, edge: f64) {
+    fn fit(&mut self, edge: f64, range_variance: f64) {
         self.fitted_at = self.count;
         let n = f64::from(self.count);
-        let [xx, xy, xz, yy, yz, zz] = self.scatter.map(|sum| sum / n);
-        let eigen = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz).symmetric_eigen();
+        let eigen = symmetric(self.scatter.map(|sum| sum / n)).symmetric_eigen();
         let mut order = [0, 1, 2];
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
         let [l0, l1, l2] = order.map(|i| eigen.eigenvalues[i].max(0.0));
-        let planar = l0.sqrt() < MAX_THICKNESS && l1 > 10.0 * l0 && l1.sqrt() > 0.08 * edge;
-        self.plane = planar.then(|| Plane {
-            normal: eigen.eigenvectors.column(order[0]).into_owned(),
-            axis: eigen.eigenvectors.column(order[1]).into_owned(),
-            centroid: self.mean,
-            variances: [l0, l1, l2],
-            points: n,
+        let planar = l0.sqrt() < super::tune!("THICK", MAX_THICKNESS) && l1 > 10.0 * l0 && l1.sqrt() > 0.08 * edge;
+        self.plane = planar.then(|| {
+            let normal = eigen.eigenvectors.column(order[0]).into_owned();
+            let beams = symmetric(self.beams.map(|sum| f64::from(sum) / n));
+            let sensor = range_variance * normal.dot(&(beams * normal)) + POINT_FLOOR;
+            Plane {
+                normal,
+                axis: eigen.eigenvectors.column(order[1]).into_owned(),
+                centroid: self.mean,
+                variances: [l0, l1, l2],
+                points: n,
+                // The standard error of a variance of n normal samples is sqrt(2 / n) of it.
+                roughness: (l0 - sensor * (1.0 + super::tune!("RSIG", ROUGH_SIGMAS) * (2.0 / n).sqrt())).max(0.0),
+            }
         });
     }
+}
+
+/// Products xx, xy, xz, yy, yz, zz.
+fn products(a: &Vector3<f64>, b: &Vector3<f64>) -> [f64; 6] {
+    [a.x * b.x, a.x * b.y, a.x * b.z, a.y * b.y, a.y * b.z, a.z * b.z]
+}
+
+fn symmetric([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> Matrix3<f64> {
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz)
 }
 
 #[cfg(test)]
@@ -150,11 +161,11 @@ mod tests {
 
     /// Points on a grid in the plane `z = slope * x`, alternately `thickness` above and below.
     fn sheet(slope: f64, thickness: f64) -> Cell {
-        let mut cell = Cell::new(1, 0, PoseVariance::default());
+        let mut cell = Cell::new(1, 0, 0);
         for i in 0..400 {
             let (x, y) = (f64::from(i % 20) * 0.07, f64::from(i / 20) * 0.07);
             let side = if (i + i / 20) % 2 == 0 { thickness } else { -thickness };
-            cell.add(&Vector3::new(x, y, slope * x + side), EDGE);
+            cell.add(&Vector3::new(x, y, slope * x + side), &Vector3::z(), EDGE, 4e-4);
         }
         cell
     }
@@ -171,6 +182,14 @@ mod tests {
     }
 
     #[test]
+    fn roughness_is_the_thickness_that_the_sensor_does_not_explain() {
+        let smooth = sheet(0.0, 0.02).plane().unwrap().roughness;
+        let rough = sheet(0.0, 0.05).plane().unwrap().roughness;
+        assert_eq!(smooth, 0.0);
+        assert!((rough.sqrt() - (0.05_f64.powi(2) - 0.02_f64.powi(2)).sqrt()).abs() < 5e-3, "{rough}");
+    }
+
+    #[test]
     fn a_thick_cloud_is_no_plane() {
         assert!(sheet(0.0, 0.1).plane().is_none());
     }
@@ -180,7 +199,7 @@ mod tests {
         let mut cell = sheet(0.0, 0.01);
         let before = cell;
         for i in 0..1000 {
-            cell.add(&Vector3::new(0.5 + f64::from(i) * 1e-4, 0.5, 0.3), EDGE);
+            cell.add(&Vector3::new(0.5 + f64::from(i) * 1e-4, 0.5, 0.3), &Vector3::z(), EDGE, 4e-4);
         }
         assert_eq!(cell.count, before.count);
         assert_eq!(cell.plane(), before.plane());

@@ -23,6 +23,9 @@ pub struct LioConfig {
     pub hidden_gyro_bias_rad_s: f64,
     /// Standard deviation of the gyroscope's scale error per axis; 0 holds it at zero.
     pub gyro_scale_sigma: f64,
+    /// Standard deviation of the rotation between the IMU's true axes and those that `[rig.imu_from_lidar]` gives it,
+    /// degrees per axis; 0 holds it at zero.
+    pub misalignment_sigma_deg: f64,
     /// Standard deviation of an unknown offset between the clocks of IMU and LiDAR, milliseconds; 0 holds it at zero.
     pub time_offset_sigma_ms: f64,
     /// Range noise of the LiDAR, metres (Mid-40 data sheet: 2 cm).
@@ -52,6 +55,7 @@ impl Default for LioConfig {
             accel_bias_walk: 1e-3,
             hidden_gyro_bias_rad_s: 0.007,
             gyro_scale_sigma: 0.003,
+            misalignment_sigma_deg: 0.2,
             time_offset_sigma_ms: 3.0,
             range_noise_m: 0.02,
             min_range_m: 0.3,
@@ -74,6 +78,7 @@ impl StageConfig for LioConfig {
             ("accel_bias_walk", self.accel_bias_walk, 0.0, 1.0),
             ("hidden_gyro_bias_rad_s", self.hidden_gyro_bias_rad_s, 1e-5, 0.2),
             ("gyro_scale_sigma", self.gyro_scale_sigma, 0.0, 0.1),
+            ("misalignment_sigma_deg", self.misalignment_sigma_deg, 0.0, 10.0),
             ("time_offset_sigma_ms", self.time_offset_sigma_ms, 0.0, 50.0),
             ("range_noise_m", self.range_noise_m, 1e-3, 0.5),
             ("min_range_m", self.min_range_m, 0.0, 10.0),

@@ -1,10 +1,12 @@
 //! The iterated update (design section 5.6). Neither the prior covariance nor the information is ever inverted: a
 //! direction that no plane observes gets no correction.
 
-use evac_geometry::nalgebra::{SMatrix, SVector, Vector3};
+use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::degeneracy::Degeneracy;
 use super::matching::{Match, Selected, associate, pose_row};
 use super::plane_map::PlaneMap;
+use super::sections::{PoseCovariance, SectionId, Sections};
 use super::state::{Covariance, DIM, Error, MEASURED, State, at};
 
 /// Points of a frame are not independent (shared beam, time and surface errors): variance times this. The optimum is
@@ -14,28 +16,35 @@ const INFLATION: f64 = 10.0;
 const CAUCHY_SQUARED: f64 = 4.0;
 /// Common error of a plane that its fit does not show: the pose it was built from, metres.
 const PLANE_FLOOR: f64 = 0.003;
-const ITERATIONS: usize = 4;
-/// Association is redone in the first iterations only.
-const ASSOCIATIONS: usize = 2;
+/// An older section must have one match in so many to be returned to.
+const ANCHOR_SHARE: usize = 3;
+/// Iterations after the last association.
+const REFINEMENTS: usize = 2;
 
 /// How the gate on residuals is widened.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Gate {
     /// Range noise, metres.
     pub(crate) range_noise: f64,
-    /// Standard deviation added in each association, metres: a wide one finds the way to the map after a loss, and what it
-    /// let in wrongly goes out again with a narrower one.
-    pub(crate) floors: [f64; ASSOCIATIONS],
+    /// Standard deviation added in each association, metres, one association each: a wide one finds the way to the map
+    /// after a loss, and what it let in wrongly goes out again with the narrower ones after it.
+    pub(crate) floors: &'static [f64],
 }
 
 /// Information of a frame about the measured part of the error.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Information {
-    matrix: SMatrix<f64, MEASURED, MEASURED>,
+    matrix: Measured,
     vector: SVector<f64, MEASURED>,
-    /// Sum of squared normalised residuals.
+    /// Sum of squared normalised residuals, and their number: of the present section, as how others lie is part of
+    /// their residuals.
     squares: f64,
+    here: usize,
+    /// See [`Report::anchor`].
+    anchor: Option<SectionId>,
 }
+
+type Measured = SMatrix<f64, MEASURED, MEASURED>;
 
 /// What the match says about itself.
 #[derive(Debug, Clone, Copy, Default)]
@@ -50,6 +59,8 @@ pub(crate) struct Report {
     pub(crate) residual: f64,
     /// Normalised innovation squared of the pose correction, per degree of freedom; healthy: below 1.
     pub(crate) nis: f64,
+    /// The oldest section of the map that is older than the present one and shows the whole position by itself.
+    pub(crate) anchor: Option<SectionId>,
     /// Information on the position, 1/m^2, map frame.
     pub(crate) position_information: SMatrix<f64, 3, 3>,
 }
@@ -70,24 +81,35 @@ pub(crate) fn correct(
     covariance: &mut Covariance,
     rate: &Vector3<f64>,
     gate: &Gate,
+    sections: &Sections,
     matches: &mut Vec<Match>,
 ) -> Report {
     let prior = *state;
     let p_columns: SMatrix<f64, DIM, MEASURED> = covariance.fixed_columns::<MEASURED>(0).into_owned();
     let p_measured: SMatrix<f64, MEASURED, MEASURED> = p_columns.fixed_rows::<MEASURED>(0).into_owned();
     let mut report = Report { selected: selected.len(), ..Report::default() };
+    let predicted: PoseCovariance = p_measured.fixed_view::<6, 6>(0, 0).into_owned();
     let mut d = Error::zeros();
     let mut gain = None;
-    for iteration in 0..ITERATIONS {
+    for iteration in 0..gate.floors.len() + REFINEMENTS {
         let here = prior.plus(&d);
-        if iteration < ASSOCIATIONS {
-            let predicted = (iteration == 0).then_some(&*covariance);
-            report.in_view =
-                associate(map, selected, &here, predicted, gate.range_noise, gate.floors[iteration], matches);
+        if let Some(floor) = gate.floors.get(iteration) {
+            report.in_view = associate(
+                map,
+                selected,
+                &here,
+                &predicted,
+                iteration == 0,
+                sections,
+                gate.range_noise,
+                *floor,
+                matches,
+            );
         }
-        let information = accumulate(matches, &here, rate);
+        let information = accumulate(matches, &here, rate, sections);
+        report.anchor = information.anchor;
         report.used = matches.len();
-        report.residual = (information.squares / matches.len().max(1) as f64).sqrt();
+        report.residual = (information.squares / information.here.max(1) as f64).sqrt();
         report.position_information =
             information.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
         let lu = (SMatrix::identity() + information.matrix * p_measured).lu();
@@ -106,18 +128,42 @@ pub(crate) fn correct(
     report
 }
 
-/// Sums the matches. Each cell's sum is scaled down by the error its points share: the plane's own.
-fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Information {
+/// Sums the matches. Each section's sum is scaled down by the uncertainty of its place against the present one.
+fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>, sections: &Sections) -> Information {
+    let mut total = Information::default();
+    for section in matches.chunk_by(|a, b| a.section == b.section) {
+        let Some(id) = section.first().map(|matched| matched.section) else { continue };
+        let mut sum = sum_of(section, state, rate);
+        if id < sections.current() && sum.observes_position() && section.len() * ANCHOR_SHARE > matches.len() {
+            total.anchor = total.anchor.or(Some(id));
+        }
+        if id == sections.current() {
+            total.squares += sum.squares;
+            total.here += section.len();
+        } else {
+            sum.marginalise(&sections.pose_covariance(id, state));
+        }
+        total.matrix += sum.matrix;
+        total.vector += sum.vector;
+    }
+    total
+}
+
+/// Sums the matches with one section. Each cell's sum is scaled down by the error its points share: the plane's own.
+fn sum_of(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Information {
     let rotation = state.rotation.to_rotation_matrix();
-    let mut total = Information { matrix: SMatrix::zeros(), vector: SVector::zeros(), squares: 0.0 };
+    let mut total = Information::default();
     for cell in matches.chunk_by(|a, b| a.cell == b.cell) {
-        let mut matrix = SMatrix::<f64, MEASURED, MEASURED>::zeros();
+        let mut matrix = Measured::zeros();
         let mut vector = SVector::<f64, MEASURED>::zeros();
         let mut shared = 0.0;
         for m in cell {
             let residual = m.normal.dot(&(rotation * m.point + state.position)) - m.offset;
             let squared = residual * residual / m.point_variance;
-            let weight = 1.0 / (INFLATION * m.point_variance * (1.0 + squared / CAUCHY_SQUARED));
+            let weight = 1.0
+                / (super::tune!("INFL", INFLATION)
+                    * m.point_variance
+                    * (1.0 + squared / super::tune!("CAUCHY", CAUCHY_SQUARED)));
             let normal_in_imu = rotation.inverse_transform_vector(&m.normal);
             let pose = pose_row(&normal_in_imu, &m.normal, &m.point);
             let by_offset = -(m.normal.dot(&state.velocity) + normal_in_imu.dot(&rate.cross(&m.point)));
@@ -127,7 +173,7 @@ fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Informat
             let weighted = h * weight;
             matrix += weighted * h.transpose();
             vector -= weighted * residual;
-            shared += weight * (m.plane_variance + PLANE_FLOOR.powi(2));
+            shared += weight * (m.plane_variance + super::tune!("PFLOOR", PLANE_FLOOR).powi(2));
             total.squares += squared;
         }
         let scale = 1.0 / (1.0 + shared);
@@ -135,6 +181,27 @@ fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Informat
         total.vector += vector * scale;
     }
     total
+}
+
+impl Information {
+    fn observes_position(&self) -> bool {
+        let position: Matrix3<f64> = self.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
+        Degeneracy::of(&position).count == 0
+    }
+
+    /// Takes out what an unknown displacement of what is measured against may explain: `A - A (A + S^-1)^-1 A`, without S^-1.
+    fn marginalise(&mut self, displacement: &PoseCovariance) {
+        let mut covariance = Measured::zeros();
+        covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(displacement);
+        let lu = (Measured::identity() + self.matrix * covariance).lu();
+        match (lu.solve(&self.matrix), lu.solve(&self.vector)) {
+            (Some(matrix), Some(vector)) => {
+                self.matrix = (matrix + matrix.transpose()) / 2.0;
+                self.vector = vector;
+            }
+            _ => (self.matrix, self.vector) = (Measured::zeros(), SVector::zeros()),
+        }
+    }
 }
 
 /// Squared pose correction in units of its predicted covariance, per degree of freedom (design section 4).
@@ -146,8 +213,7 @@ fn nis(d: &Error, p_measured: &SMatrix<f64, MEASURED, MEASURED>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use evac_geometry::STANDARD_GRAVITY;
-    use evac_geometry::nalgebra::{Isometry3, UnitQuaternion};
+    use evac_geometry::nalgebra::Isometry3;
 
     use super::super::matching::select;
     use super::super::state::add_variance;
@@ -155,35 +221,35 @@ mod tests {
 
     #[test]
     fn a_wall_corrects_the_distance_from_it_and_nothing_along_it() {
-        let mut map = PlaneMap::new(4096);
+        let mut map = PlaneMap::new(4096, 0.02);
         let mut selected = Vec::new();
         for i in 0..8000 {
             let noise = if (i / 90 + i) % 2 == 0 { 0.015 } else { -0.015 };
             let point =
                 Vector3::new(2.0 + noise, f64::from(i % 90) * 0.01 - 0.45, f64::from(i / 90) * 0.01 - 0.45);
-            map.insert(&point);
+            map.insert(&point, &Vector3::x());
             if i % 7 == 0 {
                 // Seen from 3 cm nearer than believed, and shifted sideways, which a wall does not show.
                 selected.push(select(&Isometry3::identity(), &(point - Vector3::new(0.03, 0.01, 0.02))));
             }
         }
-        let mut state = State {
-            rotation: UnitQuaternion::identity(),
-            position: Vector3::zeros(),
-            velocity: Vector3::zeros(),
-            gyro_bias: Vector3::zeros(),
-            accel_bias: Vector3::zeros(),
-            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
-            gyro_scale: Vector3::zeros(),
-            time_offset_s: 0.0,
-        };
+        let mut state = State::at_origin();
         let mut covariance = Covariance::zeros();
         add_variance(&mut covariance, at::ROTATION, 1e-8);
         add_variance(&mut covariance, at::POSITION, 1e-2);
-        let gate = Gate { range_noise: 0.02, floors: [0.0; 2] };
+        let gate = Gate { range_noise: 0.02, floors: &[0.0; 2] };
         let mut matches = Vec::new();
         let report =
-            correct(&map, &selected, &mut state, &mut covariance, &Vector3::zeros(), &gate, &mut matches);
+            correct(
+            &map,
+            &selected,
+            &mut state,
+            &mut covariance,
+            &Vector3::zeros(),
+            &gate,
+            &Sections::new(),
+            &mut matches,
+        );
         assert!(report.used > selected.len() / 2, "{report:?}");
         assert!((state.position.x - 0.03).abs() < 2e-3, "{:?}", state.position);
         assert!(state.position.yz().norm() < 1e-3, "{:?}", state.position);

@@ -1,15 +1,16 @@
 //! The running filter: its state, what it believes, and how both are loosened, held and fixed in the map frame.
 
 use evac_frames::{FrameHeader, PoseFrame, TrackingState};
+use evac_geometry::skew;
 use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, Vector3};
 
-use super::cell::PoseVariance;
 use super::config::LioConfig;
 use super::correction::Report;
 use super::degeneracy::Degeneracy;
 use super::initialisation::{Start, upright};
 use super::monitor::Monitor;
 use super::report::{lidar_covariance, pose_frame};
+use super::sections::{PoseCovariance, Sections};
 use super::settling::Settling;
 use super::state::{Covariance, DIM, State, add_variance, at};
 
@@ -18,11 +19,17 @@ use super::state::{Covariance, DIM, State, add_variance, at};
 const LOST_ROTATION: f64 = 0.0175;
 const LOST_VELOCITY: f64 = 0.5;
 const LOST_POSITION: f64 = 0.15;
+/// ... up to so many times as much.
+const LOST_LIMIT: f64 = 3.0;
+/// Velocity of whoever carries the rig, m/s (standard deviation).
+const CARRIED_VELOCITY: f64 = 1.0;
 /// Uncertainty of a map that is begun anew after a loss against the one before, m and rad.
-const RESTART_POSITION: f32 = 1.0;
-const RESTART_ROTATION: f32 = 0.1;
+const RESTART_POSITION: f64 = 1.0;
+const RESTART_ROTATION: f64 = 0.1;
 /// Velocity of a rig at rest, m/s (standard deviation).
 const REST_VELOCITY: f64 = 0.01;
+/// Uncertainty of a time offset that the coarse search found, seconds.
+const FOUND_TIME_OFFSET: f64 = 0.004;
 /// An accelerometer bias beyond this is a false one, m/s^2.
 pub(crate) const MAX_ACCEL_BIAS: f64 = 0.5;
 
@@ -39,8 +46,10 @@ pub(crate) struct Filter {
     /// Frames since the start.
     pub(crate) frame: usize,
     pub(crate) settling: Option<Settling>,
-    /// Uncertainty that the map in view was laid with.
-    pub(crate) inherited: PoseVariance,
+    /// Frames in which the pose still comes back to an older section of the map: a step then is no surprise.
+    pub(crate) returning: u32,
+    /// Parts of the map and how they lie to the one that the covariance is relative to.
+    pub(crate) sections: Sections,
 }
 
 impl Filter {
@@ -48,6 +57,7 @@ impl Filter {
         let mut covariance = start.covariance;
         covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = (config.time_offset_sigma_ms * 1e-3).powi(2);
         add_variance(&mut covariance, at::GYRO_SCALE, config.gyro_scale_sigma.powi(2));
+        add_misalignment(&mut covariance, &start.state, config.misalignment_sigma_deg.to_radians());
         Self {
             state: start.state,
             covariance,
@@ -57,7 +67,8 @@ impl Filter {
             degeneracy: Degeneracy::default(),
             frame: 0,
             settling: (!start.standing).then_some(Settling::at_start()),
-            inherited: PoseVariance::default(),
+            returning: 0,
+            sections: Sections::new(),
         }
     }
 
@@ -74,18 +85,38 @@ impl Filter {
 
     /// What was believed is believed less.
     pub(crate) fn loosen(&mut self) {
-        add_variance(&mut self.covariance, at::POSITION, LOST_POSITION.powi(2));
-        add_variance(&mut self.covariance, at::ROTATION, LOST_ROTATION.powi(2));
-        add_variance(&mut self.covariance, at::VELOCITY, LOST_VELOCITY.powi(2));
+        for (index, sigma) in
+            [(at::POSITION, LOST_POSITION), (at::ROTATION, LOST_ROTATION), (at::VELOCITY, LOST_VELOCITY)]
+        {
+            for i in index..index + 3 {
+                let room = (LOST_LIMIT * sigma).powi(2) - self.covariance[(i, i)];
+                self.covariance[(i, i)] += sigma.powi(2).min(room.max(0.0));
+            }
+        }
+        // What nothing observes must not run away meanwhile.
+        self.expect_velocity(CARRIED_VELOCITY);
     }
 
     /// There is no way back to the map: a new one begins, and its place in the old one is poorly known.
     pub(crate) fn restart(&mut self) {
         self.settling = Some(Settling::after_loss());
-        for variance in &mut self.inherited.position {
-            *variance += RESTART_POSITION * RESTART_POSITION;
-        }
-        self.inherited.rotation += RESTART_ROTATION * RESTART_ROTATION;
+        let mut pose = PoseCovariance::identity() * RESTART_POSITION.powi(2);
+        pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * RESTART_ROTATION.powi(2)));
+        self.sections.doubt(&self.state, &mut self.covariance, &pose);
+    }
+
+    /// Largest standard deviation of the position within the present section, metres.
+    pub(crate) fn position_sigma(&self) -> f64 {
+        let position = self.covariance.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
+        position.symmetric_eigenvalues().max().max(0.0).sqrt()
+    }
+
+    /// Takes a time offset that was found elsewhere.
+    pub(crate) fn set_time_offset(&mut self, offset_s: f64) {
+        self.state.time_offset_s = offset_s;
+        self.covariance.row_mut(at::TIME_OFFSET).fill(0.0);
+        self.covariance.column_mut(at::TIME_OFFSET).fill(0.0);
+        self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = FOUND_TIME_OFFSET.powi(2);
     }
 
     /// Takes back what no carrier does: too fast a motion since `before`, too large a bias.
@@ -102,8 +133,13 @@ impl Filter {
 
     /// Zero-velocity update of a rig at rest: before a blank wall nothing else keeps it from gliding along.
     pub(crate) fn rest(&mut self) {
+        self.expect_velocity(REST_VELOCITY);
+    }
+
+    /// Takes the velocity for zero, give or take `sigma` m/s.
+    fn expect_velocity(&mut self, sigma: f64) {
         let columns: SMatrix<f64, DIM, 3> = self.covariance.fixed_columns::<3>(at::VELOCITY).into_owned();
-        let innovation = columns.fixed_rows::<3>(at::VELOCITY) + Matrix3::identity() * REST_VELOCITY.powi(2);
+        let innovation = columns.fixed_rows::<3>(at::VELOCITY) + Matrix3::identity() * sigma.powi(2);
         let Some(inverse) = innovation.try_inverse() else { return };
         let gain = columns * inverse;
         self.state = self.state.plus(&(gain * -self.state.velocity));
@@ -124,6 +160,7 @@ impl Filter {
             let mut block = turn.fixed_view_mut::<3, 3>(index, index);
             block.copy_from(new_from_old.to_rotation_matrix().matrix());
         }
+        self.sections.clear();
         // The pose is exact by definition now.
         for index in at::ROTATION..at::TIME_OFFSET {
             turn[(index, index)] = 0.0;
@@ -131,16 +168,6 @@ impl Filter {
         self.covariance = turn * self.covariance * turn.transpose();
         add_variance(&mut self.covariance, at::ROTATION, 1e-10);
         add_variance(&mut self.covariance, at::POSITION, 1e-10);
-    }
-
-    /// Uncertainty that cells get which are first seen from here.
-    pub(crate) fn viewpoint(&self, imu_from_lidar: &Isometry3<f64>) -> PoseVariance {
-        let covariance = lidar_covariance(&self.state, &self.covariance, imu_from_lidar, &self.inherited);
-        let variance = |i: usize| covariance[7 * i] as f32;
-        PoseVariance {
-            position: [variance(0), variance(1), variance(2)],
-            rotation: variance(3).max(variance(4)).max(variance(5)),
-        }
     }
 
     pub(crate) fn is_finite(&self) -> bool {
@@ -154,8 +181,25 @@ impl Filter {
         report: &Report,
         tracking: TrackingState,
     ) -> PoseFrame {
-        let covariance = lidar_covariance(&self.state, &self.covariance, imu_from_lidar, &self.inherited);
+        let origin = self.sections.pose_covariance(0, &self.state);
+        let pose = self.covariance.fixed_view::<6, 6>(0, 0) + origin;
+        let covariance = lidar_covariance(&self.state, &pose, imu_from_lidar);
         let quality = report.used as f64 / report.selected.max(1) as f64;
         pose_frame(frame, &self.state, covariance, imu_from_lidar, &self.degeneracy, quality, tracking)
     }
+}
+
+/// A misaligned IMU sees gravity where it is not: in the map both are off together, by `g = -R M f` with `M = Exp(m)`.
+fn add_misalignment(covariance: &mut Covariance, state: &State, sigma: f64) {
+    let force = -(state.rotation.inverse() * state.gravity);
+    let gravity_by_misalignment = state.rotation.to_rotation_matrix().matrix() * skew(&force);
+    let cross = gravity_by_misalignment * sigma.powi(2);
+    let mut add = |row: usize, column: usize, block: &Matrix3<f64>| {
+        let mut view = covariance.fixed_view_mut::<3, 3>(row, column);
+        view += block;
+    };
+    add(at::GRAVITY, at::GRAVITY, &(cross * gravity_by_misalignment.transpose()));
+    add(at::GRAVITY, at::MISALIGNMENT, &cross);
+    add(at::MISALIGNMENT, at::GRAVITY, &cross.transpose());
+    add(at::MISALIGNMENT, at::MISALIGNMENT, &(Matrix3::identity() * sigma.powi(2)));
 }

@@ -1,6 +1,7 @@
 //! IMU readings in the filter's own form, and the stretch of them between two frame ends.
 
 use evac_frames::ImuSample;
+use evac_geometry::ImuConditioner;
 use evac_geometry::nalgebra::Vector3;
 
 /// Readings kept: 20 s at 200 Hz.
@@ -30,6 +31,7 @@ pub(crate) struct Reading {
 #[derive(Debug)]
 pub(crate) struct ImuTrack {
     readings: Vec<Reading>,
+    conditioner: ImuConditioner,
     zero_run: u32,
     newest_ns: i64,
     /// Samples that were not finite or impossible.
@@ -38,11 +40,23 @@ pub(crate) struct ImuTrack {
 
 impl ImuTrack {
     pub(crate) fn new() -> Self {
-        Self { readings: Vec::with_capacity(CAPACITY), zero_run: 0, newest_ns: i64::MIN, rejected: 0 }
+        Self {
+            readings: Vec::with_capacity(CAPACITY),
+            conditioner: ImuConditioner::default(),
+            zero_run: 0,
+            newest_ns: i64::MIN,
+            rejected: 0,
+        }
     }
 
-    /// Takes what is new in `samples` of the frame that ends at `frame_end_ns`; consecutive calls overlap.
-    pub(crate) fn extend(&mut self, samples: &[ImuSample], frame_end_ns: i64) {
+    /// Takes what is new in `samples` of the frame that ends at `frame_end_ns`, and shows it to `watcher`, conditioned;
+    /// consecutive calls overlap.
+    pub(crate) fn extend(
+        &mut self,
+        samples: &[ImuSample],
+        frame_end_ns: i64,
+        mut watcher: impl FnMut(&ImuSample),
+    ) {
         for sample in samples {
             if sample.stamp_ns <= self.newest_ns {
                 continue;
@@ -57,6 +71,13 @@ impl ImuTrack {
                 continue;
             }
             self.newest_ns = sample.stamp_ns;
+            let conditioned = self.conditioner.push(sample);
+            if let (Some(last), Some(corrected)) = (self.readings.last_mut(), conditioned.previous) {
+                (last.gyro, last.accel) = (corrected.gyro.into(), corrected.accel.into());
+            }
+            watcher(&conditioned.sample);
+            let (gyro, accel) =
+                (Vector3::from(conditioned.sample.gyro), Vector3::from(conditioned.sample.accel));
             self.zero_run = if gyro == Vector3::zeros() { self.zero_run.saturating_add(1) } else { 0 };
             self.readings.push(Reading {
                 stamp_ns: sample.stamp_ns,
@@ -71,9 +92,25 @@ impl ImuTrack {
         }
     }
 
+    /// Spikes taken out so far.
+    pub(crate) fn spikes(&self) -> u64 {
+        self.conditioner.spikes()
+    }
+
+    /// Whether accelerations come in g and are converted.
+    pub(crate) fn is_in_g(&self) -> bool {
+        self.conditioner.is_in_g()
+    }
+
     /// All readings kept.
     pub(crate) fn readings(&self) -> &[Reading] {
         &self.readings
+    }
+
+    /// The readings from the last one at or before `stamp_ns` on.
+    pub(crate) fn readings_since(&self, stamp_ns: i64) -> &[Reading] {
+        let after = self.readings.partition_point(|reading| reading.stamp_ns <= stamp_ns);
+        self.readings.get(after.saturating_sub(1)..).unwrap_or_default()
     }
 
     /// Forgets everything before the last reading at or before `stamp_ns`.
@@ -120,8 +157,8 @@ mod tests {
         let mut track = ImuTrack::new();
         let samples: Vec<_> =
             (0..30).map(|k| sample(k, if (10..20).contains(&k) || k == 25 { 0.0 } else { 0.01 })).collect();
-        track.extend(&samples[..14], 70_000_000);
-        track.extend(&samples[13..], 150_000_000);
+        track.extend(&samples[..14], 70_000_000, |_| {});
+        track.extend(&samples[13..], 150_000_000, |_| {});
         let held: Vec<bool> = track.readings().iter().map(|reading| reading.held).collect();
         assert_eq!(held.len(), 30);
         assert!((0..30).all(|k| held[k] == (10..20).contains(&k)));
@@ -131,14 +168,14 @@ mod tests {
     fn impossible_values_and_stamps_far_ahead_are_refused_and_counted() {
         let mut track = ImuTrack::new();
         let far = sample(1_000_000, 0.1);
-        track.extend(&[sample(0, f64::NAN), sample(1, 1e6), far, sample(2, 0.1)], 100_000_000);
+        track.extend(&[sample(0, f64::NAN), sample(1, 1e6), far, sample(2, 0.1)], 100_000_000, |_| {});
         assert_eq!((track.readings().len(), track.rejected), (1, 3));
     }
 
     #[test]
     fn the_last_reading_at_or_before_the_border_is_kept() {
         let mut track = ImuTrack::new();
-        track.extend(&(0..10).map(|k| sample(k, 0.1)).collect::<Vec<_>>(), 100_000_000);
+        track.extend(&(0..10).map(|k| sample(k, 0.1)).collect::<Vec<_>>(), 100_000_000, |_| {});
         track.forget_before(22_000_000);
         assert_eq!(track.readings()[0].stamp_ns, 20_000_000);
     }

@@ -143,12 +143,7 @@ fn start_at(map_from_imu: &UnitQuaternion<f64>, imu_from_lidar: &Isometry3<f64>)
     let state = State {
         rotation: *map_from_imu,
         position: -(map_from_imu * imu_from_lidar.translation.vector),
-        velocity: Vector3::zeros(),
-        gyro_bias: Vector3::zeros(),
-        accel_bias: Vector3::zeros(),
-        gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
-        gyro_scale: Vector3::zeros(),
-        time_offset_s: 0.0,
+        ..State::at_origin()
     };
     let level = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 0.0)) * ACCEL_BIAS.powi(2);
     let cross = level * rotation.matrix();

@@ -1,16 +1,22 @@
 //! Which plane a point lies on (design section 5.5).
 
-use evac_geometry::nalgebra::{Isometry3, SMatrix, SVector, Vector3};
+use evac_geometry::nalgebra::{Isometry3, SVector, Vector3};
 
+use super::cell::POINT_FLOOR;
 use super::plane_map::{EDGES, PlaneMap};
-use super::state::{Covariance, State};
+use super::sections::{PoseCovariance, SectionId, Sections};
+use super::state::State;
 
 /// Gate on the residual in standard deviations, squared.
 const GATE_SQUARED: f64 = 9.0;
 /// No extrapolation of a plane beyond the spread of its points.
 const MAX_LEVERAGE: f64 = 12.0;
-/// Noise of a point that no geometry takes away (beam direction, time), metres.
-const POINT_FLOOR: f64 = 0.005;
+/// The wider the gate, the more planes a point might belong to (a door, the wall beside it): a plane is taken for uncertain by
+/// this share of the variance of the pose before the match, so that one false plane is not believed at once and for good.
+const DOUBT: f64 = 0.1;
+/// A rough surface seen from elsewhere shows other bumps: a cell has about so many of them, and their mean is an error
+/// that all its points share.
+const BUMPS: f64 = 8.0;
 
 /// A selected point.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +30,8 @@ pub(crate) struct Selected {
 /// A point with its plane.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Match {
+    /// Section of the map that the plane belongs to: planes of one section share the error of its place.
+    pub(crate) section: SectionId,
     /// Index of the plane's cell: matches of one cell share that plane's error.
     pub(crate) cell: usize,
     /// In the IMU frame.
@@ -32,34 +40,39 @@ pub(crate) struct Match {
     pub(crate) normal: Vector3<f64>,
     /// `normal . centroid`.
     pub(crate) offset: f64,
-    /// Variance of the point along the normal.
+    /// Variance of the point along the normal, the gate's floor included: far off as yet, a point must not count as an
+    /// outlier.
     pub(crate) point_variance: f64,
     /// Variance of the plane at the point.
     pub(crate) plane_variance: f64,
 }
 
-/// Finds for every selected point the first plane, coarse to fine, whose residual passes the gate; returns how many
-/// points had any plane to be compared with.
+/// Finds for every selected point the most certain plane whose residual passes the gate, coarse to fine and the first smooth one;
+/// returns how many points had any plane to be compared with.
 ///
-/// `predicted` widens the gate by the predicted pose's covariance and is given in the first iteration only; `gate_floor` (metres) widens it
-/// in the loose mode.
+/// The covariance of the `predicted` pose widens the gate in the `first` association; `gate_floor` (metres) widens it in the
+/// loose mode.
 pub(crate) fn associate(
     map: &PlaneMap,
     selected: &[Selected],
     state: &State,
-    predicted: Option<&Covariance>,
+    predicted: &PoseCovariance,
+    first: bool,
+    sections: &Sections,
     range_noise: f64,
     gate_floor: f64,
     matches: &mut Vec<Match>,
 ) -> usize {
     matches.clear();
     let rotation = state.rotation.to_rotation_matrix();
-    let predicted: Option<SMatrix<f64, 6, 6>> = predicted.map(|p| p.fixed_view::<6, 6>(0, 0).into_owned());
     let mut in_view = 0;
+    // Neighbouring points mostly see the same section.
+    let mut recent = (sections.current(), PoseCovariance::zeros());
     for candidate in selected {
         let point = rotation * candidate.point + state.position;
         let beam = rotation * candidate.beam;
         let mut seen = false;
+        let mut best: Option<(f64, Match)> = None;
         for level in 0..EDGES.len() {
             let Some((index, cell)) = map.find(level, &point) else { continue };
             let Some(plane) = cell.plane() else { continue };
@@ -70,35 +83,51 @@ pub(crate) fn associate(
             seen = true;
             let residual = plane.distance(&point);
             let incidence = beam.dot(&plane.normal);
-            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR.powi(2);
-            let plane_variance = plane.variances[0] / plane.points * leverage;
-            let mut variance = point_variance + plane_variance + gate_floor * gate_floor;
-            if let Some(predicted) = &predicted {
-                let h = pose_row(
-                    &rotation.inverse_transform_vector(&plane.normal),
-                    &plane.normal,
-                    &candidate.point,
-                );
-                variance += h.dot(&(predicted * h));
+            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR + plane.roughness * super::tune!("RW", 1.0);
+            let plane_variance = plane.variances[0] / plane.points * leverage + plane.roughness / super::tune!("BUMPS", BUMPS);
+            let total = point_variance + plane_variance;
+            if best.as_ref().is_some_and(|(least, _)| *least <= total) {
+                continue;
             }
-            if residual * residual < GATE_SQUARED * variance {
-                matches.push(Match {
+            let h = pose_row(
+                &rotation.inverse_transform_vector(&plane.normal),
+                &plane.normal,
+                &candidate.point,
+            );
+            let pose_variance = h.dot(&(predicted * h));
+            let mut variance = total + gate_floor * gate_floor;
+            variance += if first { pose_variance } else { 0.0 };
+            if cell.section != sections.current() {
+                if cell.section != recent.0 {
+                    recent = (cell.section, sections.pose_covariance(cell.section, state));
+                }
+                variance += h.dot(&(recent.1 * h));
+            }
+            if residual * residual < super::tune!("GATE", GATE_SQUARED) * variance {
+                let matched = Match {
+                    section: cell.section,
                     cell: index,
                     point: candidate.point,
                     normal: plane.normal,
                     offset: plane.normal.dot(&plane.centroid),
-                    point_variance,
-                    plane_variance,
-                });
-                break;
+                    point_variance: point_variance + gate_floor * gate_floor,
+                    plane_variance: plane_variance + pose_variance * super::tune!("DOUBT", DOUBT),
+                };
+                best = Some((total, matched));
+                // Nothing finer is better than a large smooth plane.
+                if plane.roughness < super::tune!("SMOOTH", 0.0) + 1e-12 {
+                    break;
+                }
             }
         }
+        matches.extend(best.map(|(_, matched)| matched));
         in_view += usize::from(seen);
     }
-    // One cell's matches side by side; stable order within a cell keeps sums reproducible.
+    // One section's and one cell's matches side by side; stable order within a cell keeps sums reproducible.
     matches.sort_unstable_by(|a, b| {
-        a.cell
-            .cmp(&b.cell)
+        a.section
+            .cmp(&b.section)
+            .then_with(|| a.cell.cmp(&b.cell))
             .then_with(|| a.point.x.total_cmp(&b.point.x))
             .then_with(|| a.point.y.total_cmp(&b.point.y))
     });

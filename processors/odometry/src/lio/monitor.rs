@@ -38,6 +38,15 @@ pub(crate) enum Verdict {
     Restart,
 }
 
+/// What makes a frame's surprise no sign of trouble.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Expected {
+    /// Directions are not observed: their surprise says nothing, if it is not large.
+    pub(crate) degenerate: bool,
+    /// The pose comes back to an older section of the map.
+    pub(crate) returning: bool,
+}
+
 /// Memory of the frames before.
 #[derive(Debug, Default)]
 pub(crate) struct Monitor {
@@ -70,7 +79,7 @@ impl Monitor {
     pub(crate) fn judge(
         &mut self,
         report: &Report,
-        degenerate: bool,
+        expected: Expected,
         state: &State,
         config: &LioConfig,
     ) -> Verdict {
@@ -78,7 +87,7 @@ impl Monitor {
         let in_view = report.in_view as f64;
         let share = report.used as f64 / in_view.max(1.0);
         let viewed = in_view / selected > VIEW_SHARE && report.selected > 100;
-        if !degenerate || report.nis > LOST_NIS {
+        if !expected.returning && (!expected.degenerate || report.nis > LOST_NIS) {
             let rate = if report.nis > self.nis { RISE } else { FALL };
             self.nis += rate * (report.nis.min(100.0) - self.nis);
         }
@@ -86,13 +95,18 @@ impl Monitor {
             state.velocity.norm() <= config.max_speed_m_s && state.accel_bias.norm() <= MAX_ACCEL_BIAS;
         let used_share = report.used as f64 / selected;
         if self.lost {
-            // A false match sees few planes, and agrees with those.
+            // A false match sees few planes, and agrees with those; before a blank wall any place fits.
             let found = share > FOUND_SHARE && used_share > FOUND_SHARE * self.usual_share;
-            return self.while_lost(viewed && found && report.residual < FOUND_RESIDUAL && possible);
+            // Before a blank wall that fits there is nothing to give up; a new map would begin no better there.
+            self.frames_lost += u32::from(!(expected.degenerate && share > FOUND_SHARE));
+            return self.while_lost(
+                viewed && found && report.residual < FOUND_RESIDUAL && possible && !expected.degenerate,
+            );
         }
         let weak = viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
         if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
+            if super::tune!("DBG", 0.0) > 0.0 { eprintln!("LOST weak {} nis {} possible {possible}", self.weak, self.nis); }
             *self = Self { lost: true, usual_share: self.usual_share, ..Self::default() };
             return Verdict::JustLost;
         }
@@ -101,7 +115,6 @@ impl Monitor {
     }
 
     fn while_lost(&mut self, good: bool) -> Verdict {
-        self.frames_lost += 1;
         self.frames_found = if good { self.frames_found + 1 } else { 0 };
         if self.frames_found >= FOUND_FRAMES {
             *self = Self { usual_share: self.usual_share, ..Self::default() };
@@ -117,21 +130,11 @@ impl Monitor {
 
 #[cfg(test)]
 mod tests {
-    use evac_geometry::nalgebra::{UnitQuaternion, Vector3};
 
     use super::*;
 
     fn standing() -> State {
-        State {
-            rotation: UnitQuaternion::identity(),
-            position: Vector3::zeros(),
-            velocity: Vector3::zeros(),
-            gyro_bias: Vector3::zeros(),
-            accel_bias: Vector3::zeros(),
-            gravity: Vector3::zeros(),
-            gyro_scale: Vector3::zeros(),
-            time_offset_s: 0.0,
-        }
+        State::at_origin()
     }
 
     fn report(used: usize, residual: f64, nis: f64) -> Report {
@@ -141,7 +144,7 @@ mod tests {
     #[test]
     fn a_bad_match_is_a_loss_after_three_frames_and_five_good_ones_end_it() {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
-        let mut judge = |report: &Report| monitor.judge(report, false, &standing(), &config);
+        let mut judge = |report: &Report| monitor.judge(report, Expected::default(), &standing(), &config);
         for _ in 0..50 {
             assert_eq!(judge(&report(2300, 0.9, 0.05)), Verdict::Good);
         }
@@ -156,9 +159,9 @@ mod tests {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
         let mut fast = standing();
         fast.velocity.x = 10.0;
-        assert_eq!(monitor.judge(&report(2300, 0.9, 0.05), false, &fast, &config), Verdict::JustLost);
+        assert_eq!(monitor.judge(&report(2300, 0.9, 0.05), Expected::default(), &fast, &config), Verdict::JustLost);
         let verdicts: Vec<_> =
-            (0..30).map(|_| monitor.judge(&report(10, 3.0, 0.1), false, &standing(), &config)).collect();
+            (0..30).map(|_| monitor.judge(&report(10, 3.0, 0.1), Expected::default(), &standing(), &config)).collect();
         assert!(verdicts[..29].iter().all(|verdict| *verdict == Verdict::Lost));
         assert_eq!(verdicts[29], Verdict::Restart);
         assert!(!monitor.is_lost());
@@ -167,9 +170,9 @@ mod tests {
     #[test]
     fn the_noise_grows_with_surprise_but_not_from_a_blind_frame() {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
-        monitor.judge(&report(2300, 0.9, 3.0), true, &standing(), &config);
+        monitor.judge(&report(2300, 0.9, 3.0), Expected { degenerate: true, returning: false }, &standing(), &config);
         assert_eq!(monitor.noise_factor(), 1.0);
-        monitor.judge(&report(2300, 0.9, 3.0), false, &standing(), &config);
+        monitor.judge(&report(2300, 0.9, 3.0), Expected::default(), &standing(), &config);
         assert!((monitor.noise_factor() - 16.0).abs() < 1e-9);
     }
 }

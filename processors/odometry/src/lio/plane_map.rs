@@ -2,7 +2,8 @@
 
 use evac_geometry::nalgebra::Vector3;
 
-use super::cell::{Cell, PoseVariance};
+use super::cell::Cell;
+use super::sections::SectionId;
 
 /// Edges of the levels, metres, coarse to fine. Large planes with thousands of hits come first in the match: their
 /// normals are exact to 1e-4 rad, so a blank wall pulls nothing sideways.
@@ -17,12 +18,14 @@ const EMPTY: u64 = 0;
 pub(crate) struct PlaneMap {
     cells: Vec<Cell>,
     max_cells: usize,
+    /// Variance of a range, m^2.
+    range_variance: f64,
     /// Key and cell index; key [`EMPTY`] is a free slot. Linear probing.
     slots: Vec<[u64; 2]>,
     mask: usize,
     hand: usize,
     frame: u32,
-    viewpoint: PoseVariance,
+    section: SectionId,
     /// Key and index that each level used last: neighbouring points mostly share a coarse voxel.
     recent: [(u64, usize); EDGES.len()],
     /// Cells given up to stay below the ceiling.
@@ -30,17 +33,18 @@ pub(crate) struct PlaneMap {
 }
 
 impl PlaneMap {
-    /// Allocates room for `max_cells` and a table at most half full.
-    pub(crate) fn new(max_cells: usize) -> Self {
+    /// Allocates room for `max_cells` and a table at most half full; `range_noise` in metres.
+    pub(crate) fn new(max_cells: usize, range_noise: f64) -> Self {
         let slots = (2 * max_cells).next_power_of_two();
         Self {
             cells: Vec::with_capacity(max_cells),
             max_cells,
+            range_variance: range_noise * range_noise,
             slots: vec![[EMPTY; 2]; slots],
             mask: slots - 1,
             hand: 0,
             frame: 0,
-            viewpoint: PoseVariance::default(),
+            section: 0,
             recent: [(EMPTY, 0); EDGES.len()],
             evicted: 0,
         }
@@ -54,9 +58,9 @@ impl PlaneMap {
         self.hand = 0;
     }
 
-    /// Counts a frame, for the age of cells; cells that it creates are seen from a pose of that uncertainty.
-    pub(crate) fn next_frame(&mut self, viewpoint: PoseVariance) {
-        self.viewpoint = viewpoint;
+    /// Counts a frame, for the age of cells; cells that it creates belong to `section`.
+    pub(crate) fn next_frame(&mut self, section: SectionId) {
+        self.section = section;
         self.frame = self.frame.saturating_add(1);
     }
 
@@ -65,24 +69,8 @@ impl PlaneMap {
         self.cells.len()
     }
 
-    /// Mean uncertainty of the poses that these cells were first seen from; `None` of none.
-    pub(crate) fn mean_born(&self, indices: impl Iterator<Item = usize>) -> Option<PoseVariance> {
-        let (mut count, mut position, mut rotation) = (0.0, [0.0; 3], 0.0);
-        for cell in indices.filter_map(|index| self.cells.get(index)) {
-            count += 1.0;
-            for (sum, variance) in position.iter_mut().zip(cell.born().position) {
-                *sum += f64::from(variance);
-            }
-            rotation += f64::from(cell.born().rotation);
-        }
-        (count > 0.0).then(|| PoseVariance {
-            position: position.map(|sum| (sum / count) as f32),
-            rotation: (rotation / count) as f32,
-        })
-    }
-
-    /// Adds a point at every level.
-    pub(crate) fn insert(&mut self, point: &Vector3<f64>) {
+    /// Adds a point seen along the unit vector `beam` at every level.
+    pub(crate) fn insert(&mut self, point: &Vector3<f64>, beam: &Vector3<f64>) {
         for (level, edge) in EDGES.iter().enumerate() {
             let Some(key) = key(level, *edge, point) else { return };
             let index = match self.recent[level] {
@@ -90,10 +78,10 @@ impl PlaneMap {
                 _ => self.find_or_create(key),
             };
             self.recent[level] = (key, index);
-            let frame = self.frame;
+            let (frame, range_variance) = (self.frame, self.range_variance);
             if let Some(cell) = self.cells.get_mut(index) {
                 cell.last_used = frame;
-                cell.add(point, *edge);
+                cell.add(point, beam, *edge, range_variance);
             }
         }
     }
@@ -124,12 +112,12 @@ impl PlaneMap {
             return self.slots[slot][1] as usize;
         }
         if self.cells.len() < self.max_cells {
-            self.cells.push(Cell::new(key, self.frame, self.viewpoint));
+            self.cells.push(Cell::new(key, self.frame, self.section));
             self.slots[slot] = [key, self.cells.len() as u64 - 1];
             return self.cells.len() - 1;
         }
         let index = self.evict();
-        self.cells[index] = Cell::new(key, self.frame, self.viewpoint);
+        self.cells[index] = Cell::new(key, self.frame, self.section);
         let slot = self.slot_of(key);
         self.slots[slot] = [key, index as u64];
         index
@@ -201,11 +189,11 @@ mod tests {
 
     #[test]
     fn a_full_map_stays_within_its_ceiling_and_finds_all_that_it_holds() {
-        let mut map = PlaneMap::new(4096);
+        let mut map = PlaneMap::new(4096, 0.02);
         for frame in 0..60 {
-            map.next_frame(PoseVariance::default());
+            map.next_frame(0);
             for i in 0..200 {
-                map.insert(&Vector3::new(f64::from(frame) * 0.9, f64::from(i) * 0.31 - 30.0, 0.05));
+                map.insert(&Vector3::new(f64::from(frame) * 0.9, f64::from(i) * 0.31 - 30.0, 0.05), &Vector3::x());
             }
         }
         assert!(map.len() == 4096 && map.evicted > 1000);
@@ -223,12 +211,12 @@ mod tests {
 
     #[test]
     fn the_start_outlives_what_came_between() {
-        let mut map = PlaneMap::new(4096);
+        let mut map = PlaneMap::new(4096, 0.02);
         let start = Vector3::new(0.1, 0.1, 0.1);
-        map.insert(&start);
+        map.insert(&start, &Vector3::x());
         for i in 0..20_000 {
-            map.next_frame(PoseVariance::default());
-            map.insert(&Vector3::new(10.0 + f64::from(i), 0.0, 0.0));
+            map.next_frame(0);
+            map.insert(&Vector3::new(10.0 + f64::from(i), 0.0, 0.0), &Vector3::x());
         }
         assert!(map.find(0, &start).is_some());
         assert!(map.find(0, &Vector3::new(1000.0, 0.0, 0.0)).is_none());
@@ -236,9 +224,9 @@ mod tests {
 
     #[test]
     fn places_that_no_key_can_name_are_refused() {
-        let mut map = PlaneMap::new(4096);
+        let mut map = PlaneMap::new(4096, 0.02);
         for x in [f64::NAN, f64::INFINITY, 1e9, -1e9] {
-            map.insert(&Vector3::new(x, 0.0, 0.0));
+            map.insert(&Vector3::new(x, 0.0, 0.0), &Vector3::x());
         }
         assert_eq!(map.len(), 0);
     }

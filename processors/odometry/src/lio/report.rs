@@ -1,12 +1,12 @@
 //! The pose frame: what the filter knows, in the words of the pipeline.
 
 use evac_frames::{FrameHeader, PoseFrame, TrackingState};
-use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use evac_geometry::nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use evac_geometry::{set_map_from_imu, set_map_from_lidar, skew};
 
-use super::cell::PoseVariance;
 use super::degeneracy::Degeneracy;
-use super::state::{Covariance, State};
+use super::sections::PoseCovariance;
+use super::state::State;
 
 /// Observed errors are 1.5 to 2.5 of the filter's own standard deviations (design section 5.7): twice is published.
 const HONESTY: f64 = 2.0;
@@ -62,26 +62,20 @@ pub(crate) fn waiting_frame(
     pose
 }
 
-/// Covariance of the LiDAR's pose with rotation about the map's axes, row-major: with lever arm `t`,
-/// `dp_lidar = dp - R [t]x dtheta` and `dphi = R dtheta`. The filter takes the map for exact; what the map `inherited` from the
-/// poses that it was seen from comes on top.
+/// Covariance of the LiDAR's pose with rotation about the map's axes, row-major, from that of the IMU's: with lever
+/// arm `t`, `dp_lidar = dp - R [t]x dtheta` and `dphi = R dtheta`.
 pub(crate) fn lidar_covariance(
     state: &State,
-    covariance: &Covariance,
+    pose: &PoseCovariance,
     imu_from_lidar: &Isometry3<f64>,
-    inherited: &PoseVariance,
 ) -> [f64; 36] {
     let rotation = state.rotation.to_rotation_matrix();
-    let mut jacobian = SMatrix::<f64, 6, 6>::zeros();
+    let mut jacobian = PoseCovariance::zeros();
     let lever = -(rotation.matrix() * skew(&imu_from_lidar.translation.vector));
     jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&lever);
     jacobian.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
     jacobian.fixed_view_mut::<3, 3>(3, 0).copy_from(rotation.matrix());
-    let pose: SMatrix<f64, 6, 6> = covariance.fixed_view::<6, 6>(0, 0).into_owned();
     let lidar = jacobian * pose * jacobian.transpose() * HONESTY.powi(2);
-    let [x, y, z] = inherited.position.map(f64::from);
-    let rotation = f64::from(inherited.rotation);
-    let lidar = lidar + SMatrix::from_diagonal(&SVector::from([x, y, z, rotation, rotation, rotation]));
     let mut row_major = [0.0; 36];
     for (i, value) in row_major.iter_mut().enumerate() {
         *value = lidar[(i / 6, i % 6)];

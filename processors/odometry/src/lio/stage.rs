@@ -2,7 +2,7 @@
 //! of a running filter are handled in [`super::tracking`].
 
 use evac_frames::{Point, PoseFrame, TrackingState};
-use evac_geometry::nalgebra::{Isometry3, Point3, Vector3};
+use evac_geometry::nalgebra::{Isometry3, Vector3};
 use evac_geometry::{MotionState, StandstillDetector};
 use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu, Stage, StageConfig, StageError};
 
@@ -12,6 +12,7 @@ use super::filter::Filter;
 use super::imu::ImuTrack;
 use super::initialisation::{Initialiser, Start};
 use super::matching::{Match, Selected};
+use super::offset_search::OffsetSearch;
 use super::plane_map::PlaneMap;
 use super::propagation::TracePoint;
 use super::report::waiting_frame;
@@ -38,8 +39,18 @@ pub struct Diagnostics {
     pub map_restarts: u64,
     /// IMU samples that were not finite, impossible or too many.
     pub imu_rejected: u64,
+    /// Single garbled IMU samples that were replaced by their neighbours.
+    pub imu_spikes: u64,
+    /// The IMU gives accelerations in g; they are converted.
+    pub imu_in_g: bool,
     /// Gaps between IMU samples that were bridged.
     pub imu_gaps: u64,
+    /// Corrections of the time offset by the coarse search.
+    pub offset_corrections: u64,
+    /// Sections of the map begun after the first, and returns to an older one.
+    pub sections_begun: u64,
+    /// As above.
+    pub sections_returned_to: u64,
     /// Times that the match was lost.
     pub losses: u64,
     /// Whether the start was made from a standstill.
@@ -56,6 +67,7 @@ pub struct Lio {
     pub(crate) track: ImuTrack,
     pub(crate) detector: StandstillDetector,
     pub(crate) map: PlaneMap,
+    pub(crate) offset_search: OffsetSearch,
     initialiser: Initialiser,
     /// `None` until the start.
     pub(crate) filter: Option<Filter>,
@@ -87,7 +99,8 @@ impl Stage for Lio {
             imu_from_lidar,
             track: ImuTrack::new(),
             detector: StandstillDetector::default(),
-            map: PlaneMap::new(config.max_cells as usize),
+            map: PlaneMap::new(config.max_cells as usize, config.range_noise_m),
+            offset_search: OffsetSearch::new(),
             initialiser: Initialiser::new(),
             filter: None,
             still: Vec::with_capacity(MAX_STILL_POINTS),
@@ -110,6 +123,8 @@ impl Stage for Lio {
         self.diagnostics.map_cells = self.map.len() as u64;
         self.diagnostics.evicted_cells = self.map.evicted;
         self.diagnostics.imu_rejected = self.track.rejected;
+        self.diagnostics.imu_spikes = self.track.spikes();
+        self.diagnostics.imu_in_g = self.track.is_in_g();
         output.publish(&pose)
     }
 }
@@ -134,11 +149,12 @@ impl Lio {
         if new_clock {
             self.track.clear();
             self.detector = StandstillDetector::default();
+            self.offset_search.restart();
         }
-        self.track.extend(input.imu, frame.end_ns);
-        for sample in input.imu {
+        self.track.extend(input.imu, frame.end_ns, |sample| {
             self.detector.push(sample);
-        }
+            self.offset_search.push_rate(sample.stamp_ns, sample.gyro.into());
+        });
         match &mut self.filter {
             None => self.wait(input, gap_s, counters),
             Some(filter) if new_clock => {
@@ -197,9 +213,7 @@ impl Lio {
         let frame = &input.header.frame;
         let filter = Filter::new(start, frame.end_ns, &self.config);
         let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
-        for point in &self.still {
-            self.map.insert(&(map_from_lidar * Point3::from(point.cast::<f64>())).coords);
-        }
+        insert_all(&mut self.map, &map_from_lidar, self.still.iter().map(|point| point.cast()));
         self.still = Vec::new();
         self.track.forget_before(filter.stamp_ns);
         let pose = if start.standing {
@@ -217,4 +231,17 @@ pub(crate) fn valid(point: &Point, config: &LioConfig) -> Option<Vector3<f64>> {
     let position = Vector3::new(f64::from(point.x), f64::from(point.y), f64::from(point.z));
     // NaN is outside every range.
     (config.min_range_m..=config.max_range_m).contains(&position.norm()).then_some(position)
+}
+
+/// Adds points in LiDAR coordinates to the map.
+pub(crate) fn insert_all(
+    map: &mut PlaneMap,
+    map_from_lidar: &Isometry3<f64>,
+    points: impl Iterator<Item = Vector3<f64>>,
+) {
+    let rotation = map_from_lidar.rotation.to_rotation_matrix();
+    for point in points {
+        let way = rotation * point;
+        map.insert(&(way + map_from_lidar.translation.vector), &way.normalize());
+    }
 }

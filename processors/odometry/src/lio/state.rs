@@ -4,9 +4,11 @@ use evac_geometry::{STANDARD_GRAVITY, exp_so3};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 /// Dimension of the error state.
-pub(crate) const DIM: usize = 22;
+pub(crate) const DIM: usize = 25;
 /// The measured part comes first: rotation, position, time offset.
 pub(crate) const MEASURED: usize = 7;
+/// The part that moves while time passes, the measured one and the velocity, comes first too.
+pub(crate) const MOVING: usize = 10;
 
 /// First index of each part of the error state.
 pub(crate) mod at {
@@ -18,6 +20,7 @@ pub(crate) mod at {
     pub(crate) const ACCEL_BIAS: usize = 13;
     pub(crate) const GRAVITY: usize = 16;
     pub(crate) const GYRO_SCALE: usize = 19;
+    pub(crate) const MISALIGNMENT: usize = 22;
 }
 
 /// Error of the state.
@@ -42,6 +45,9 @@ pub(crate) struct State {
     pub(crate) gravity: Vector3<f64>,
     /// Error of the gyroscope's scale per axis: a true rate `w` reads `(1 + scale) w + bias`.
     pub(crate) gyro_scale: Vector3<f64>,
+    /// Rotation from the axes that the IMU really has to those that the rig's extrinsic gives it, rad: what the
+    /// configured `imu_from_lidar` is off by. The state's own IMU frame is the configured one, fixed to the LiDAR.
+    pub(crate) misalignment: Vector3<f64>,
     /// Seconds to add to an IMU stamp to get LiDAR time.
     pub(crate) time_offset_s: f64,
 }
@@ -61,14 +67,35 @@ impl State {
             accel_bias: self.accel_bias + part(at::ACCEL_BIAS),
             gravity: gravity * (STANDARD_GRAVITY / gravity.norm()),
             gyro_scale: self.gyro_scale + part(at::GYRO_SCALE),
+            misalignment: self.misalignment + part(at::MISALIGNMENT),
             time_offset_s: self.time_offset_s + d[at::TIME_OFFSET],
+        }
+    }
+
+    /// A state at rest in the map's origin, level, with nothing known about the sensors.
+    pub(crate) fn at_origin() -> Self {
+        Self {
+            rotation: UnitQuaternion::identity(),
+            position: Vector3::zeros(),
+            velocity: Vector3::zeros(),
+            gyro_bias: Vector3::zeros(),
+            accel_bias: Vector3::zeros(),
+            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
+            gyro_scale: Vector3::zeros(),
+            misalignment: Vector3::zeros(),
+            time_offset_s: 0.0,
         }
     }
 
     /// True angular velocity behind a gyroscope reading, to first order in the scale error.
     pub(crate) fn rate_of(&self, gyro: &Vector3<f64>) -> Vector3<f64> {
-        let biased = gyro - self.gyro_bias;
-        biased - self.gyro_scale.component_mul(&biased)
+        let unbiased = gyro - self.gyro_bias;
+        exp_so3(&self.misalignment) * (unbiased - self.gyro_scale.component_mul(&unbiased))
+    }
+
+    /// True specific force behind an accelerometer reading.
+    pub(crate) fn force_of(&self, accel: &Vector3<f64>) -> Vector3<f64> {
+        exp_so3(&self.misalignment) * (accel - self.accel_bias)
     }
 
     /// The time offset in nanoseconds.
@@ -84,8 +111,9 @@ impl State {
     /// Whether every number is finite.
     pub(crate) fn is_finite(&self) -> bool {
         self.rotation.coords.iter().all(|x| x.is_finite())
-            && [self.position, self.velocity, self.gyro_bias, self.accel_bias, self.gravity, self.gyro_scale]
+            && [self.position, self.velocity, self.gyro_bias, self.accel_bias, self.gravity]
                 .iter()
+                .chain([&self.gyro_scale, &self.misalignment])
                 .all(|v| v.iter().all(|x| x.is_finite()))
             && self.time_offset_s.is_finite()
     }
@@ -104,16 +132,7 @@ mod tests {
 
     #[test]
     fn gravity_keeps_its_norm_and_a_rotation_error_acts_in_the_imu_frame() {
-        let state = State {
-            rotation: exp_so3(&Vector3::new(0.0, 0.0, 1.0)),
-            position: Vector3::zeros(),
-            velocity: Vector3::zeros(),
-            gyro_bias: Vector3::zeros(),
-            accel_bias: Vector3::zeros(),
-            gravity: Vector3::new(0.0, 0.0, -STANDARD_GRAVITY),
-            gyro_scale: Vector3::zeros(),
-            time_offset_s: 0.0,
-        };
+        let state = State { rotation: exp_so3(&Vector3::new(0.0, 0.0, 1.0)), ..State::at_origin() };
         let mut d = Error::zeros();
         d[at::ROTATION] = 0.1;
         d[at::GRAVITY] = 0.5;

@@ -17,7 +17,7 @@ use profile::{Profile, smooth_step};
 use route::{Kind, Move, Rise};
 
 /// Height of the IMU above the floor, metres.
-const IMU_HEIGHT: f64 = 1.2;
+pub(crate) const IMU_HEIGHT: f64 = 1.2;
 /// The rig is carried this far in front of the walker's axis of turning, metres.
 const CARRIED_AHEAD: f64 = 0.15;
 
@@ -46,22 +46,28 @@ pub(crate) struct Trajectory {
     moves: Vec<Move>,
     gait: Gait,
     tilt: [f64; 2],
+    skipped_s: f64,
 }
 
 impl Trajectory {
     /// A route walked with a gait by an IMU that is mounted with a constant roll and pitch (radians).
     pub(crate) fn new(route: Route, gait: Gait, tilt: [f64; 2]) -> Self {
-        Self { moves: route.moves, gait, tilt }
+        Self { moves: route.moves, gait, tilt, skipped_s: 0.0 }
+    }
+
+    /// The same walk from `seconds` after its start on; what was then is now time 0.
+    pub(crate) fn without_first(self, seconds: f64) -> Self {
+        Self { skipped_s: seconds, ..self }
     }
 
     /// Seconds until the walker has stopped for good.
     pub(crate) fn duration_s(&self) -> f64 {
-        self.moves.last().map_or(0.0, |last| last.start_s + last.duration_s)
+        self.moves.last().map_or(0.0, |last| last.start_s + last.duration_s - self.skipped_s)
     }
 
     /// The state at `t` seconds; before the start and after the end the walker stands.
     pub(crate) fn at(&self, t: f64) -> Motion {
-        let t = t.clamp(0.0, self.duration_s());
+        let t = t.clamp(0.0, self.duration_s()) + self.skipped_s;
         let after = self.moves.partition_point(|next| next.start_s <= t);
         let Some(current) = self.moves.get(after.saturating_sub(1)) else {
             return self.motion(&Stance::default(), &Sway::default());

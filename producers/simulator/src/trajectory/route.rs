@@ -8,6 +8,8 @@ use super::profile::{Profile, SMOOTH_STEP_PEAK};
 const START_S: f64 = 1.2;
 /// Way over which the slope of a stair sets in, metres.
 const SLOPE_ONSET_M: f64 = 0.5;
+/// Places that differ by less need no way.
+const SAME_PLACE_M: f64 = 1e-6;
 /// Headings that differ by less need no turn.
 const SAME_HEADING: f64 = 0.01;
 
@@ -80,6 +82,32 @@ impl Route {
     /// Turns on the spot, left by positive degrees.
     pub(crate) fn turn(self, degrees: f64) -> Self {
         self.turn_by(degrees.to_radians())
+    }
+
+    /// The whole way `laps` times, each time straight back to the start and its heading.
+    pub(crate) fn laps(self, laps: u32) -> Self {
+        let Some(start) = self.moves.first().copied().filter(|_| laps > 1) else { return self };
+        let apart = (self.position.xy() - start.position.xy()).norm();
+        let mut route =
+            if apart > SAME_PLACE_M { self.walk_to(start.position.x, start.position.y) } else { self };
+        let turned = start.heading - route.heading;
+        let angle = turned - std::f64::consts::TAU * (turned / std::f64::consts::TAU).round();
+        if angle.abs() > SAME_HEADING {
+            route = route.turn_by(angle);
+        }
+        let (lap, lap_s) = (route.moves.clone(), route.time);
+        for number in 1..laps {
+            let later_s = f64::from(number) * lap_s;
+            route.moves.extend(lap.iter().map(|next| Move { start_s: next.start_s + later_s, ..*next }));
+        }
+        route.time = f64::from(laps) * lap_s;
+        route
+    }
+
+    /// Seconds until the walker is in mid-stride for the first time.
+    pub(crate) fn stride_s(&self) -> f64 {
+        let first = self.moves.iter().find(|next| matches!(next.kind, Kind::Walk { .. }));
+        first.map_or(0.0, |walk| walk.start_s + (START_S + 0.3).min(walk.duration_s / 2.0))
     }
 
     fn leg(self, x: f64, y: f64, rise: Option<Rise>) -> Self {

@@ -1,7 +1,9 @@
 //! Words for building: blocks, walls with doors, rooms, stairs.
 
+use super::material::Material;
 use super::people::Person;
-use super::solid::{Material, Solid};
+use super::shape::Shape;
+use super::solid::Solid;
 
 /// Thickness of walls, metres.
 pub(super) const WALL: f64 = 0.3;
@@ -55,6 +57,8 @@ pub(super) fn passage(at: f64, width: f64, height: f64) -> Opening {
 pub(super) struct Site {
     pub(super) solids: Vec<Solid>,
     pub(super) people: Vec<Person>,
+    /// What is cut out of the rock, where the world is a cavern.
+    pub(super) hollows: Vec<Shape>,
 }
 
 impl Site {

@@ -2,7 +2,7 @@
 //! installations (duct, pipes, cable tray), so that a person tells them apart in a plan and a match tells them apart too.
 
 use super::build::{Along, Site, WALL, door, open_door, passage};
-use super::solid::Material::{Concrete, Glass, Metal, Plaster, Sign, Wood};
+use super::material::Material::{Concrete, Glass, Metal, Plaster, Sign, Wood};
 use crate::trajectory::Route;
 
 const CEILING: f64 = 2.5;

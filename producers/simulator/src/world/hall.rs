@@ -2,8 +2,8 @@
 //! who walk.
 
 use super::build::{Along, Opening, Site, WALL, door, passage};
+use super::material::Material::{Concrete, Glass, Metal, Plaster, Sign, Wood};
 use super::people::Person;
-use super::solid::Material::{Concrete, Glass, Metal, Plaster, Sign, Wood};
 use crate::trajectory::Route;
 
 const CEILING: f64 = 5.0;

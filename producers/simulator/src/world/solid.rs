@@ -1,139 +1,107 @@
-//! Solids and where a ray meets them.
+//! Solids: a shape of some material, smooth or rough, and the parts of people.
 
 use evac_geometry::nalgebra::Vector3;
+use evac_geometry::rotation_from_euler;
 
-/// What a surface is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Material {
-    Concrete,
-    Plaster,
-    Metal,
-    Wood,
-    Glass,
-    Sign,
-    Cloth,
-}
+use super::material::Material;
+use super::ray::{Bounds, Ray};
+use super::relief::Relief;
+use super::shape::Shape;
 
-impl Material {
-    /// Reflectivity as the Mid-40 reports it: 0..150 is 0..100 % diffuse, more is retro-reflective.
-    pub(crate) fn reflectivity(self) -> f64 {
-        match self {
-            Self::Concrete => 40.0,
-            Self::Plaster => 95.0,
-            Self::Metal => 60.0,
-            Self::Wood => 70.0,
-            Self::Glass => 12.0,
-            Self::Sign => 210.0,
-            Self::Cloth => 30.0,
-        }
-    }
-
-    /// Share of shots that come back.
-    pub(crate) fn returns(self) -> f64 {
-        if self == Self::Glass { 0.15 } else { 1.0 }
-    }
-}
-
-/// A ray with the inverse of its direction, which box tests divide by.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Ray {
-    pub(crate) origin: Vector3<f64>,
-    pub(crate) direction: Vector3<f64>,
-    pub(super) inverse: Vector3<f64>,
-}
-
-impl Ray {
-    /// A ray from `origin` along the unit vector `direction`.
-    pub(crate) fn new(origin: Vector3<f64>, direction: Vector3<f64>) -> Self {
-        Self { origin, direction, inverse: direction.map(|x| 1.0 / x) }
-    }
-}
-
-/// An axis-aligned box, by its corners.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Bounds {
-    pub(crate) min: Vector3<f64>,
-    pub(crate) max: Vector3<f64>,
-}
-
-impl Bounds {
-    /// Where the ray comes in and goes out again (behind the origin where negative); `None` where it passes by.
-    #[inline]
-    pub(super) fn interval(&self, ray: &Ray) -> Option<(f64, f64)> {
-        // Slabs; a NaN from 0 * inf (origin exactly in a face of a slab it runs along) is ignored by min and max.
-        let a = (self.min - ray.origin).component_mul(&ray.inverse);
-        let b = (self.max - ray.origin).component_mul(&ray.inverse);
-        let enter = a.x.min(b.x).max(a.y.min(b.y)).max(a.z.min(b.z));
-        let leave = a.x.max(b.x).min(a.y.max(b.y)).min(a.z.max(b.z));
-        (enter <= leave && leave >= 0.0).then_some((enter, leave))
-    }
-
-    pub(super) fn surface(&self) -> f64 {
-        let size = self.max - self.min;
-        2.0 * (size.x * size.y + size.y * size.z + size.z * size.x)
-    }
-
-    pub(super) fn union(&self, other: &Self) -> Self {
-        Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
-    }
-}
-
-/// A box turned about the vertical axis.
+/// A body that stands in the building.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Solid {
-    centre: Vector3<f64>,
-    half: Vector3<f64>,
-    sin: f64,
-    cos: f64,
+    shape: Shape,
     pub(crate) material: Material,
+    relief: Option<Relief>,
 }
 
 impl Solid {
+    fn new(shape: Shape, material: Material) -> Self {
+        Self { shape, material, relief: None }
+    }
+
     /// A box by two opposite corners.
     pub(crate) fn between(min: [f64; 3], max: [f64; 3], material: Material) -> Self {
         let (min, max) = (Vector3::from(min), Vector3::from(max));
-        Self { centre: (min + max) / 2.0, half: (max - min) / 2.0, sin: 0.0, cos: 1.0, material }
+        let (centre, half) = ((min + max) / 2.0, (max - min) / 2.0);
+        Self::new(Shape::Block { centre, half, sin: 0.0, cos: 1.0 }, material)
     }
 
     /// A box by its centre and whole size, turned counterclockwise.
     pub(crate) fn turned(centre: [f64; 3], size: [f64; 3], degrees: f64, material: Material) -> Self {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        Self { centre: centre.into(), half: Vector3::from(size) / 2.0, sin, cos, material }
+        let half = Vector3::from(size) / 2.0;
+        Self::new(Shape::Block { centre: centre.into(), half, sin, cos }, material)
+    }
+
+    /// A box by its centre and whole size, turned by roll, pitch and yaw in degrees (R = Rz Ry Rx).
+    pub(super) fn tilted(centre: [f64; 3], size: [f64; 3], degrees: [f64; 3], material: Material) -> Self {
+        let [roll, pitch, yaw] = degrees.map(f64::to_radians);
+        let world_from_box = *rotation_from_euler(roll, pitch, yaw).matrix();
+        let half = Vector3::from(size) / 2.0;
+        Self::new(Shape::Tilted { centre: centre.into(), half, world_from_box }, material)
+    }
+
+    /// A cylinder between the middles of its lids, which must be apart.
+    pub(super) fn pipe(from: [f64; 3], to: [f64; 3], radius: f64, material: Material) -> Self {
+        let (from, to) = (Vector3::from(from), Vector3::from(to));
+        let length = (to - from).norm();
+        let shape = Shape::Pipe {
+            centre: (from + to) / 2.0,
+            axis: (to - from) / length,
+            half_length: length / 2.0,
+            radius,
+        };
+        Self::new(shape, material)
+    }
+
+    pub(super) fn ball(centre: [f64; 3], radius: f64, material: Material) -> Self {
+        Self::new(Shape::Ball { centre: centre.into(), radius }, material)
+    }
+
+    /// A disc by its centre, normal (a unit vector) and radius.
+    pub(super) fn disc(centre: Vector3<f64>, normal: Vector3<f64>, radius: f64, material: Material) -> Self {
+        Self::new(Shape::Disc { centre, normal, radius }, material)
+    }
+
+    /// The same body with a surface that is no ideal plane: `rms` metres off it where the material is as rough as
+    /// materials get, less on others.
+    pub(super) fn roughened(self, rms: f64, seed: u64) -> Self {
+        Self { relief: Relief::new(rms * self.material.roughness(), seed), ..self }
     }
 
     /// The smallest axis-aligned box around it.
     pub(crate) fn bounds(&self) -> Bounds {
-        let (sin, cos) = (self.sin.abs(), self.cos.abs());
-        let reach = Vector3::new(
-            cos * self.half.x + sin * self.half.y,
-            sin * self.half.x + cos * self.half.y,
-            self.half.z,
-        );
-        Bounds { min: self.centre - reach, max: self.centre + reach }
+        let bounds = self.shape.bounds();
+        let Some(relief) = &self.relief else { return bounds };
+        let reach = Vector3::repeat(relief.bound());
+        Bounds { min: bounds.min - reach, max: bounds.max + reach }
     }
 
-    /// Distance along the ray to where it enters the box; `None` where it misses or starts inside.
+    /// Distance along the ray to where it enters the body; `None` where it misses, starts inside or is farther than
+    /// `limit`.
     #[inline]
-    pub(super) fn hit(&self, ray: &Ray) -> Option<f64> {
-        if self.sin == 0.0 {
-            let bounds = Bounds { min: self.centre - self.half, max: self.centre + self.half };
-            return bounds.interval(ray).and_then(|(enter, _)| (enter > 0.0).then_some(enter));
-        }
-        let turned = |v: Vector3<f64>| {
-            Vector3::new(self.cos * v.x + self.sin * v.y, self.cos * v.y - self.sin * v.x, v.z)
+    pub(super) fn hit(&self, ray: &Ray, limit: f64) -> Option<f64> {
+        let Some(relief) = &self.relief else {
+            return self
+                .shape
+                .interval(ray, 0.0)
+                .and_then(|(enter, _)| (enter > 0.0 && enter < limit).then_some(enter));
         };
-        let inside = Bounds { min: -self.half, max: self.half };
-        let local = Ray::new(turned(ray.origin - self.centre), turned(ray.direction));
-        inside.interval(&local).and_then(|(enter, _)| (enter > 0.0).then_some(enter))
+        let (enter, leave) = self.shape.interval(ray, relief.bound())?;
+        if enter >= limit {
+            return None;
+        }
+        let at = |t: f64| ray.origin + ray.direction * t;
+        let range = relief.march(enter.max(0.0), leave.min(limit), at, |place| self.shape.distance(place))?;
+        (range > 0.0 && range < limit).then_some(range)
     }
 
-    /// Distance of a point from the box, 0 inside.
+    /// Distance of a point from the smooth body, 0 inside, metres.
     #[cfg(test)]
     pub(crate) fn distance(&self, point: &Vector3<f64>) -> f64 {
-        let v = point - self.centre;
-        let local = Vector3::new(self.cos * v.x + self.sin * v.y, self.cos * v.y - self.sin * v.x, v.z).abs()
-            - self.half;
-        local.sup(&Vector3::zeros()).norm()
+        self.shape.distance(point).max(0.0)
     }
 }
 
@@ -174,11 +142,11 @@ mod tests {
     fn a_ray_meets_the_near_face_of_a_box_and_of_a_turned_box() {
         let ray = Ray::new(Vector3::zeros(), Vector3::x());
         let straight = Solid::between([2.0, -1.0, -1.0], [4.0, 1.0, 1.0], Material::Metal);
-        assert_eq!(straight.hit(&ray), Some(2.0));
+        assert_eq!(straight.hit(&ray, f64::INFINITY), Some(2.0));
         let turned = Solid::turned([3.0, 0.0, 0.0], [2.0, 2.0, 2.0], 45.0, Material::Metal);
-        assert!((turned.hit(&ray).unwrap() - (3.0 - 2.0_f64.sqrt())).abs() < 1e-12);
-        assert_eq!(straight.hit(&Ray::new(Vector3::zeros(), -Vector3::x())), None);
-        assert_eq!(straight.hit(&Ray::new(Vector3::new(3.0, 0.0, 0.0), Vector3::x())), None);
+        assert!((turned.hit(&ray, f64::INFINITY).unwrap() - (3.0 - 2.0_f64.sqrt())).abs() < 1e-12);
+        assert_eq!(straight.hit(&Ray::new(Vector3::zeros(), -Vector3::x()), 9.0), None);
+        assert_eq!(straight.hit(&Ray::new(Vector3::new(3.0, 0.0, 0.0), Vector3::x()), 9.0), None);
     }
 
     #[test]
@@ -190,5 +158,33 @@ mod tests {
         assert!((person.hit(&down).unwrap() - 2.0).abs() < 1e-4);
         let above = Ray::new(Vector3::new(0.0, 0.0, 2.0), Vector3::x());
         assert_eq!(person.hit(&above), None);
+    }
+
+    #[test]
+    fn a_rough_wall_is_off_its_plane_by_the_configured_rms_for_every_angle_of_incidence() {
+        let wall = Solid::between([-5.0, 2.0, -5.0], [5.0, 2.3, 5.0], Material::Plaster);
+        let rough = wall.roughened(0.02, 7);
+        for slant in [0.0, 1.0, 3.0] {
+            let (mut sum, mut squares, mut count) = (0.0, 0.0, 0.0);
+            for k in 0..10_000 {
+                let aim = Vector3::new(f64::from(k % 100) * 0.09 - 4.5, 2.0, f64::from(k / 100) * 0.09 - 4.5);
+                let ray =
+                    Ray::new(aim - Vector3::new(slant, 1.0, 0.0), Vector3::new(slant, 1.0, 0.0).normalize());
+                let Some(range) = rough.hit(&ray, 90.0) else { continue };
+                let off = (ray.origin + ray.direction * range).y - 2.0;
+                sum += off;
+                squares += off * off;
+                count += 1.0;
+            }
+            let rms: f64 = f64::sqrt(squares / count);
+            assert!(
+                count > 9900.0 && (rms / 0.02 - 1.0).abs() < 0.15,
+                "slant {slant}: rms {rms} m of {count}"
+            );
+            // A slanting ray rather meets what stands out.
+            let mean: f64 = sum / count;
+            assert!(mean.abs() < 0.003 + 0.003 * slant, "slant {slant}: mean {mean} m");
+        }
+        assert_eq!(wall.roughened(0.0, 7).hit(&Ray::new(Vector3::zeros(), Vector3::y()), 90.0), Some(2.0));
     }
 }

@@ -3,7 +3,7 @@
 //! The stair has two flights of ten risers (0.17 m) beside each other, from x = 1.2 to a landing at half height.
 
 use super::build::{Along, Filling, Opening, Site, WALL, door, open_door};
-use super::solid::Material::{Concrete, Metal, Plaster, Sign, Wood};
+use super::material::Material::{Concrete, Metal, Plaster, Sign, Wood};
 use crate::trajectory::Route;
 
 const STOREY: f64 = 3.4;

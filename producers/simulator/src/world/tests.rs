@@ -6,7 +6,7 @@ use crate::trajectory::{Gait, Trajectory};
 
 fn walk(world: WorldKind) -> (World, Trajectory) {
     let config = Config { world, ..Config::default() };
-    let (world, route) = World::build(&config);
+    let (world, route) = World::build(&config).unwrap();
     (world, Trajectory::new(route, Gait::new(1.0, &mut Random::new(1, 0)), [0.0; 2]))
 }
 

@@ -107,7 +107,8 @@ where
         let waited_too_long = self.deadline_ns().is_some_and(|deadline| now_ns() >= deadline);
         let (scan, _) = self.held.front()?;
         let frame = scan.header().frame;
-        let covered = self.imu_ended || self.imu.last().is_some_and(|last| last.stamp_ns >= frame.end_ns);
+        let imu_end_ns = scan.header().imu_end_ns(self.time_offset_ns(scan.header()));
+        let covered = self.imu_ended || self.imu.last().is_some_and(|last| last.stamp_ns >= imu_end_ns);
         let complete = covered && self.prior_is_here(&frame);
         if !complete {
             if !waited_too_long {
@@ -118,7 +119,7 @@ where
         let (scan, _) = self.held.pop_front()?;
         let from_ns = self.previous_end_ns.map_or(i64::MIN, |end| end.min(frame.start_ns));
         let first = last_at_or_before(&self.imu, from_ns);
-        let end = (self.imu.partition_point(|sample| sample.stamp_ns < frame.end_ns) + 1).min(self.imu.len());
+        let end = (self.imu.partition_point(|sample| sample.stamp_ns < imu_end_ns) + 1).min(self.imu.len());
         let input = ScanWithImu {
             header: scan.header(),
             points: scan.items(),
@@ -167,6 +168,15 @@ impl<S: FrameService<Header = ScanHeader>, const PRIOR: bool> ScanImuJoin<S, PRI
             reporter.input.imu_lost += if self.previous_end_ns.is_some() { MAX_IMU as u64 / 2 } else { 0 };
         }
         self.imu.push(sample);
+    }
+
+    /// What is known of the offset to add to IMU stamps: the deskewer learns it from the pose before, an odometry from the
+    /// deskewer.
+    fn time_offset_ns(&self, header: &ScanHeader) -> i64 {
+        match &self.prior {
+            Some(prior) if PRIOR => prior.time_offset_ns,
+            _ => header.time_offset_ns(),
+        }
     }
 
     /// In lossless mode the deskewer works with the pose of exactly the scan before, so that every run is the same.

@@ -1,13 +1,13 @@
-//! A bitmap font of 5 x 7 dots, drawn for this crate: what the plan's texts need and no font file.
+//! A bitmap font of 5 x 7 dots, drawn for this crate: what the texts of plans and charts need and no font file.
 
 /// Dots from one character to the next.
-pub(super) const ADVANCE: i64 = 6;
+pub(crate) const ADVANCE: i64 = 6;
 /// Dots from the top of a line to its baseline.
-pub(super) const ASCENT: i64 = 7;
+pub(crate) const ASCENT: i64 = 7;
 
 /// The rows of a character from the top, highest bit (of five) left; a box where there is none.
 #[rustfmt::skip]
-pub(super) fn glyph(character: char) -> [u8; 7] {
+pub(crate) fn glyph(character: char) -> [u8; 7] {
     match character {
         'A' => [0b01110, 0b10001, 0b10001, 0b11111, 0b10001, 0b10001, 0b10001],
         'B' => [0b11110, 0b10001, 0b10001, 0b11110, 0b10001, 0b10001, 0b11110],
@@ -79,12 +79,26 @@ pub(super) fn glyph(character: char) -> [u8; 7] {
         '²' => [0b01100, 0b10010, 0b00100, 0b01000, 0b11110, 0b00000, 0b00000],
         '(' => [0b00010, 0b00100, 0b01000, 0b01000, 0b01000, 0b00100, 0b00010],
         ')' => [0b01000, 0b00100, 0b00010, 0b00010, 0b00010, 0b00100, 0b01000],
+        '%' => [0b11000, 0b11001, 0b00010, 0b00100, 0b01000, 0b10011, 0b00011],
+        '/' => [0b00000, 0b00001, 0b00010, 0b00100, 0b01000, 0b10000, 0b00000],
+        '+' => [0b00000, 0b00100, 0b00100, 0b11111, 0b00100, 0b00100, 0b00000],
+        '=' => [0b00000, 0b00000, 0b11111, 0b00000, 0b11111, 0b00000, 0b00000],
+        '_' => [0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b11111],
+        '±' => [0b00100, 0b00100, 0b11111, 0b00100, 0b00100, 0b00000, 0b11111],
+        'σ' => [0b00000, 0b00000, 0b01111, 0b10010, 0b10010, 0b10010, 0b01100],
+        '°' => [0b01100, 0b10010, 0b10010, 0b01100, 0b00000, 0b00000, 0b00000],
+        '[' => [0b01110, 0b01000, 0b01000, 0b01000, 0b01000, 0b01000, 0b01110],
+        ']' => [0b01110, 0b00010, 0b00010, 0b00010, 0b00010, 0b00010, 0b01110],
+        '<' => [0b00010, 0b00100, 0b01000, 0b10000, 0b01000, 0b00100, 0b00010],
+        '>' => [0b01000, 0b00100, 0b00010, 0b00001, 0b00010, 0b00100, 0b01000],
+        '#' => [0b01010, 0b01010, 0b11111, 0b01010, 0b11111, 0b01010, 0b01010],
+        '*' => [0b00000, 0b00100, 0b10101, 0b01110, 0b10101, 0b00100, 0b00000],
         _ => [0b11111, 0b10001, 0b10001, 0b10001, 0b10001, 0b10001, 0b11111],
     }
 }
 
 /// Dots by which a character hangs below the baseline.
-pub(super) fn descent(character: char) -> i64 {
+pub(crate) fn descent(character: char) -> i64 {
     match character {
         'g' | 'p' | 'q' | 'y' => 2,
         ',' => 1,

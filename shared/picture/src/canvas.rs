@@ -2,73 +2,86 @@
 
 use evac_formats::rgb_image::RgbImage;
 
-use super::font;
+use crate::font;
 
-pub(super) type Colour = [u8; 3];
+/// Red, green, blue.
+pub type Colour = [u8; 3];
 
 /// Pixels `left..right` and `top..bottom`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Frame {
-    pub(super) left: i64,
-    pub(super) top: i64,
-    pub(super) right: i64,
-    pub(super) bottom: i64,
+pub struct Frame {
+    /// First column inside.
+    pub left: i64,
+    /// First row inside.
+    pub top: i64,
+    /// First column to the right of it.
+    pub right: i64,
+    /// First row below it.
+    pub bottom: i64,
 }
 
 impl Frame {
-    pub(super) fn contains(&self, x: i64, y: i64) -> bool {
+    /// Whether a pixel is inside.
+    pub fn contains(&self, x: i64, y: i64) -> bool {
         (self.left..self.right).contains(&x) && (self.top..self.bottom).contains(&y)
     }
 
-    pub(super) fn width(&self) -> i64 {
+    /// Columns.
+    pub fn width(&self) -> i64 {
         self.right - self.left
     }
 
-    pub(super) fn height(&self) -> i64 {
+    /// Rows.
+    pub fn height(&self) -> i64 {
         self.bottom - self.top
     }
 }
 
 /// A picture with a frame outside of which nothing is drawn.
-pub(super) struct Canvas {
+pub struct Canvas {
     image: RgbImage,
     clip: Frame,
 }
 
 impl Canvas {
-    pub(super) fn new(width: u32, height: u32, colour: Colour) -> Self {
+    /// A picture of one colour.
+    pub fn new(width: u32, height: u32, colour: Colour) -> Self {
         let clip = Frame { left: 0, top: 0, right: i64::from(width), bottom: i64::from(height) };
         Self { image: RgbImage::new(width, height, colour), clip }
     }
 
-    pub(super) fn into_image(self) -> RgbImage {
+    /// The finished picture.
+    pub fn into_image(self) -> RgbImage {
         self.image
     }
 
     /// Draws inside `frame` only, until [`Self::unclip`].
-    pub(super) fn clip(&mut self, frame: Frame) {
+    pub fn clip(&mut self, frame: Frame) {
         self.clip = frame;
     }
 
-    pub(super) fn unclip(&mut self) {
+    /// Draws everywhere again.
+    pub fn unclip(&mut self) {
         let (width, height) = (self.image.width(), self.image.height());
         self.clip = Frame { left: 0, top: 0, right: i64::from(width), bottom: i64::from(height) };
     }
 
-    pub(super) fn pixel(&mut self, x: i64, y: i64, colour: Colour) {
+    /// Colours a pixel; one outside the frame is left out.
+    pub fn pixel(&mut self, x: i64, y: i64, colour: Colour) {
         if self.clip.contains(x, y) {
             self.image.set(x, y, colour);
         }
     }
 
-    pub(super) fn fill(&mut self, frame: Frame, colour: Colour) {
+    /// Colours all pixels of a frame.
+    pub fn fill(&mut self, frame: Frame, colour: Colour) {
         for (x, y) in (frame.top..frame.bottom).flat_map(|y| (frame.left..frame.right).map(move |x| (x, y))) {
             self.pixel(x, y, colour);
         }
     }
 
     /// The border of a frame, `width` pixels outside of it.
-    pub(super) fn outline(&mut self, frame: Frame, width: i64, colour: Colour) {
+    pub fn outline(&mut self, frame: Frame, width: i64, colour: Colour) {
         let Frame { left, top, right, bottom } = frame;
         let (wide, tall) = ((left - width, right + width), (top - width, bottom + width));
         for (from, to) in [(top - width, top), (bottom, bottom + width)] {
@@ -80,7 +93,7 @@ impl Canvas {
     }
 
     /// A filled disc of a radius in pixels.
-    pub(super) fn disc(&mut self, [x, y]: [f64; 2], radius: f64, colour: Colour) {
+    pub fn disc(&mut self, [x, y]: [f64; 2], radius: f64, colour: Colour) {
         let reach = radius.ceil() as i64;
         let (cx, cy) = (x.floor() as i64, y.floor() as i64);
         for (px, py) in
@@ -94,7 +107,7 @@ impl Canvas {
     }
 
     /// A line with round ends.
-    pub(super) fn line(&mut self, a: [f64; 2], b: [f64; 2], width: f64, colour: Colour) {
+    pub fn line(&mut self, a: [f64; 2], b: [f64; 2], width: f64, colour: Colour) {
         let (dx, dy) = (b[0] - a[0], b[1] - a[1]);
         let steps = (dx.hypot(dy) * 2.0).ceil().max(1.0);
         for i in 0..=steps as u32 {
@@ -104,7 +117,7 @@ impl Canvas {
     }
 
     /// An arrow head with its tip at `tip`, pointing along the unit vector `along`.
-    pub(super) fn arrow_head(&mut self, tip: [f64; 2], along: [f64; 2], size: f64, colour: Colour) {
+    pub fn arrow_head(&mut self, tip: [f64; 2], along: [f64; 2], size: f64, colour: Colour) {
         let rows = (size * 2.0).ceil().max(1.0);
         for i in 0..=rows as u32 {
             let back = size * f64::from(i) / rows;
@@ -118,7 +131,7 @@ impl Canvas {
     }
 
     /// A text with its upper left corner at `x, y`, each dot `scale` pixels wide.
-    pub(super) fn text(&mut self, x: i64, y: i64, scale: i64, colour: Colour, text: &str) {
+    pub fn text(&mut self, x: i64, y: i64, scale: i64, colour: Colour, text: &str) {
         let mut left = x;
         for character in text.chars() {
             let top = y + font::descent(character) * scale;
@@ -134,12 +147,12 @@ impl Canvas {
 }
 
 /// Width of a text in pixels.
-pub(super) fn text_width(text: &str, scale: i64) -> i64 {
+pub fn text_width(text: &str, scale: i64) -> i64 {
     let characters = text.chars().count() as i64;
     (characters * font::ADVANCE - 1).max(0) * scale
 }
 
 /// Height of a line of text in pixels, without what hangs below it.
-pub(super) fn text_height(scale: i64) -> i64 {
+pub fn text_height(scale: i64) -> i64 {
     font::ASCENT * scale
 }

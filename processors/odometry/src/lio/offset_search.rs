@@ -1,0 +1,268 @@
+//! The coarse search for the offset between the clocks of IMU and LiDAR, over a range in which the filter's own time
+//! offset, a linear state, cannot follow.
+//!
+//! While the rig starts to move, each scan is also matched by itself, without the IMU. The rotations from scan to scan
+//! that this gives are compared with those of the gyroscope, read with every offset on a grid; the offset at which
+//! both agree is the one.
+
+use evac_geometry::log_so3;
+use evac_geometry::nalgebra::{UnitQuaternion, Vector3};
+
+/// Offsets tried: -120 to 120 ms in steps of 4 ms.
+const STEP_NS: i64 = 4_000_000;
+const HALF_STEPS: i64 = 30;
+const CANDIDATES: usize = 2 * HALF_STEPS as usize + 1;
+/// Gyroscope readings kept: 5 s at 200 Hz.
+const MAX_READINGS: usize = 1024;
+/// Rotations waiting for the gyroscope's readings of the time after them.
+const MAX_WAITING: usize = 16;
+/// Rotations before a decision, and after which there is none.
+const MIN_ROTATIONS: u32 = 12;
+const MAX_ROTATIONS: u32 = 100;
+/// Standard deviation of the offset at which it is believed, seconds.
+const BELIEVED_S: f64 = 0.002;
+/// Smallest change that is worth disturbing the filter for, seconds.
+const MIN_CHANGE_S: f64 = 0.008;
+/// Error of a rotation from scan to scan that the match does not know of, rad.
+const MIN_ROTATION_ERROR: f64 = 1e-3;
+/// Smaller rotations from scan to scan say nothing, rad.
+const MIN_TURN: f64 = 4e-3;
+/// Corrections before the search gives up.
+const MAX_ROUNDS: u32 = 4;
+
+/// What a rotation led to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Found {
+    /// Nothing yet.
+    Searching,
+    /// The offset is what was assumed, or cannot be found: the search is over.
+    Settled,
+    /// The offset is this, seconds to add to an IMU stamp.
+    Changed(f64),
+}
+
+/// The search; it allocates once.
+#[derive(Debug)]
+pub(crate) struct OffsetSearch {
+    /// Stamps of the IMU and the integral of the angular velocity up to them, rad.
+    turned: Vec<(i64, Vector3<f64>)>,
+    rate: Vector3<f64>,
+    waiting: Vec<Rotation>,
+    /// Rotation of the IMU at the last scan's end, and that time.
+    last: Option<(i64, UnitQuaternion<f64>)>,
+    /// Sum of squared differences of each offset.
+    costs: [f64; CANDIDATES],
+    rotations: u32,
+    rounds: u32,
+    over: bool,
+}
+
+/// What the LiDAR turned by between two times of its own clock, IMU frame.
+#[derive(Debug, Clone, Copy)]
+struct Rotation {
+    start_ns: i64,
+    end_ns: i64,
+    turn: Vector3<f64>,
+}
+
+impl OffsetSearch {
+    pub(crate) fn new() -> Self {
+        Self {
+            turned: Vec::with_capacity(MAX_READINGS),
+            rate: Vector3::zeros(),
+            waiting: Vec::with_capacity(MAX_WAITING),
+            last: None,
+            costs: [0.0; CANDIDATES],
+            rotations: 0,
+            rounds: 0,
+            over: false,
+        }
+    }
+
+    /// Whether there is nothing more to search for.
+    pub(crate) fn is_over(&self) -> bool {
+        self.over
+    }
+
+    /// Takes a gyroscope reading, rad/s.
+    pub(crate) fn push_rate(&mut self, stamp_ns: i64, rate: Vector3<f64>) {
+        if self.over {
+            return;
+        }
+        let turned = match self.turned.last() {
+            Some((last_ns, _)) if stamp_ns <= *last_ns => return,
+            Some((last_ns, turned)) => turned + (self.rate + rate) * ((stamp_ns - last_ns) as f64 * 0.5e-9),
+            None => Vector3::zeros(),
+        };
+        if self.turned.len() == MAX_READINGS {
+            self.turned.drain(..MAX_READINGS / 4);
+        }
+        self.turned.push((stamp_ns, turned));
+        self.rate = rate;
+    }
+
+    /// Forgets the last scan: the next one does not follow it.
+    pub(crate) fn interrupt(&mut self) {
+        self.last = None;
+    }
+
+    /// Forgets everything, for new clocks.
+    pub(crate) fn restart(&mut self) {
+        self.turned.clear();
+        self.over = false;
+        self.rounds = 0;
+        self.begin_round();
+    }
+
+    /// Takes the rotation `map_from_imu` that the LiDAR alone gave at the end of a scan; `assumed_s` is the offset
+    /// that is believed now.
+    pub(crate) fn push_rotation(
+        &mut self,
+        end_ns: i64,
+        map_from_imu: UnitQuaternion<f64>,
+        assumed_s: f64,
+    ) -> Found {
+        if let Some((start_ns, before)) = self.last.replace((end_ns, map_from_imu))
+            && self.waiting.len() < MAX_WAITING
+        {
+            let turn = log_so3(&(before.inverse() * map_from_imu));
+            self.waiting.push(Rotation { start_ns, end_ns, turn });
+        }
+        let newest_ns = self.turned.last().map_or(i64::MIN, |(stamp_ns, _)| *stamp_ns);
+        while let Some(rotation) = self.waiting.first().copied()
+            && rotation.end_ns + STEP_NS * HALF_STEPS < newest_ns
+        {
+            self.waiting.remove(0);
+            self.compare(&rotation);
+        }
+        self.decide(assumed_s)
+    }
+
+    fn compare(&mut self, rotation: &Rotation) {
+        if rotation.turn.norm() < MIN_TURN {
+            return;
+        }
+        let mut costs = [0.0; CANDIDATES];
+        for (index, cost) in costs.iter_mut().enumerate() {
+            let offset_ns = offset_ns(index);
+            let (Some(from), Some(to)) =
+                (self.turned_at(rotation.start_ns - offset_ns), self.turned_at(rotation.end_ns - offset_ns))
+            else {
+                return;
+            };
+            *cost = (rotation.turn - (to - from)).norm_squared();
+        }
+        self.rotations += 1;
+        self.costs.iter_mut().zip(costs).for_each(|(sum, cost)| *sum += cost);
+    }
+
+    fn decide(&mut self, assumed_s: f64) -> Found {
+        if self.rotations < MIN_ROTATIONS {
+            return Found::Searching;
+        }
+        let best = (0..CANDIDATES).min_by(|a, b| self.costs[*a].total_cmp(&self.costs[*b])).unwrap_or(0);
+        let believed = self.minimum(best).filter(|(_, sigma_s)| *sigma_s < BELIEVED_S);
+        let Some((offset_s, sigma_s)) = believed else {
+            self.over = self.rotations >= MAX_ROTATIONS;
+            return if self.over { Found::Settled } else { Found::Searching };
+        };
+        if (offset_s - assumed_s).abs() < MIN_CHANGE_S.max(4.0 * sigma_s) || self.rounds >= MAX_ROUNDS {
+            self.over = true;
+            return Found::Settled;
+        }
+        // Scans were deskewed with the wrong offset, which blurs the rotations: once more with the new one.
+        self.rounds += 1;
+        self.begin_round();
+        Found::Changed(offset_s)
+    }
+
+    fn begin_round(&mut self) {
+        self.waiting.clear();
+        self.last = None;
+        self.costs = [0.0; CANDIDATES];
+        self.rotations = 0;
+    }
+
+    /// Minimum of the parabola through the best offset and its neighbours, seconds, with its standard deviation; `None` at
+    /// the border of the range.
+    fn minimum(&self, best: usize) -> Option<(f64, f64)> {
+        let (before, here, after) =
+            (*self.costs.get(best.checked_sub(1)?)?, *self.costs.get(best)?, *self.costs.get(best + 1)?);
+        let step_s = STEP_NS as f64 * 1e-9;
+        let curvature = (before - 2.0 * here + after) / (step_s * step_s);
+        if curvature <= 0.0 {
+            return None;
+        }
+        let shift_s = (before - after) / (2.0 * curvature * step_s);
+        let variance = (here / (3.0 * f64::from(self.rotations))).max(MIN_ROTATION_ERROR.powi(2));
+        Some((offset_ns(best) as f64 * 1e-9 + shift_s, (2.0 * variance / curvature).sqrt()))
+    }
+
+    /// Integral of the angular velocity at a stamp of the IMU.
+    fn turned_at(&self, stamp_ns: i64) -> Option<Vector3<f64>> {
+        let after = self.turned.partition_point(|(stamp, _)| *stamp <= stamp_ns);
+        let (from_ns, from) = self.turned.get(after.checked_sub(1)?)?;
+        let (to_ns, to) = self.turned.get(after)?;
+        let share = (stamp_ns - from_ns) as f64 / (to_ns - from_ns).max(1) as f64;
+        Some(from.lerp(to, share))
+    }
+}
+
+fn offset_ns(index: usize) -> i64 {
+    (index as i64 - HALF_STEPS) * STEP_NS
+}
+
+#[cfg(test)]
+mod tests {
+    use evac_geometry::exp_so3;
+
+    use super::*;
+
+    /// Angle about z of a walker's yaw, rad, and its rate.
+    fn sway(time_s: f64) -> (f64, f64) {
+        (0.02 * (11.3 * time_s).sin() + 0.3 * time_s, 0.02 * 11.3 * (11.3 * time_s).cos() + 0.3)
+    }
+
+    /// Searches over `seconds` of a motion whose IMU stamps are `ahead_s` ahead of the LiDAR's clock.
+    fn search(ahead_s: f64, seconds: f64, rate_at: impl Fn(f64) -> (f64, f64)) -> (Found, u32) {
+        let mut search = OffsetSearch::new();
+        let mut next_imu = 0;
+        for frame in 1..(seconds * 10.0) as i64 {
+            let end_s = frame as f64 * 0.1;
+            while next_imu as f64 * 0.005 <= end_s {
+                let true_s = next_imu as f64 * 0.005;
+                let stamp_ns = ((true_s + ahead_s) * 1e9) as i64;
+                search.push_rate(stamp_ns, Vector3::new(0.0, 0.0, rate_at(true_s).1));
+                next_imu += 1;
+            }
+            let rotation = exp_so3(&Vector3::new(0.0, 0.0, rate_at(end_s).0));
+            match search.push_rotation(frame * 100_000_000, rotation, 0.0) {
+                Found::Searching => {}
+                found => return (found, frame as u32),
+            }
+        }
+        (Found::Searching, 0)
+    }
+
+    #[test]
+    fn an_offset_of_tens_of_milliseconds_is_found_to_a_millisecond() {
+        for ahead_s in [-0.095, -0.08, -0.02, 0.02, 0.08, 0.1] {
+            let (found, _) = search(ahead_s, 10.0, sway);
+            let Found::Changed(offset_s) = found else { panic!("{ahead_s}: {found:?}") };
+            assert!((offset_s + ahead_s).abs() < 1e-3, "{ahead_s}: {offset_s}");
+        }
+    }
+
+    #[test]
+    fn clocks_that_agree_are_left_alone() {
+        assert_eq!(search(0.0, 10.0, sway).0, Found::Settled);
+        assert_eq!(search(0.004, 10.0, sway).0, Found::Settled);
+    }
+
+    #[test]
+    fn a_steady_turn_says_nothing_about_the_offset() {
+        let (found, frame) = search(0.05, 12.0, |time_s| (0.3 * time_s, 0.3));
+        assert_eq!(found, Found::Settled);
+        assert!(frame >= MAX_ROTATIONS);
+    }
+}
