@@ -9,11 +9,12 @@ use super::filter::{Filter, POSITION, ROTATION, STATES, VELOCITY};
 use super::monitor::{Monitor, Verdict};
 use super::motion::Span;
 use super::observability::Degeneracy;
-use super::registration::{Path, Report, Sweep};
+use super::registration::Report;
 use super::report::{Drift, Quality, pose_frame};
 use super::settling::{Scratch, Settling};
 use super::stage::Loam;
 use super::start::upright;
+use super::sweep::{Path, Sweep};
 
 /// Nominal time between frames, seconds; the limits below hold for it and grow with longer ones.
 const FRAME_S: f64 = 0.1;
