@@ -48,6 +48,16 @@ pub(crate) struct Report {
     pub(crate) correction: SVector<f64, STATES>,
 }
 
+impl Report {
+    /// The match is not believed: it observed nothing and corrects nothing.
+    pub(crate) fn refuse(&mut self) {
+        self.used = 0;
+        self.information.fill(0.0);
+        self.correction.fill(0.0);
+        self.degeneracy = Degeneracy::nothing_observed();
+    }
+}
+
 /// The match with its buffers, allocated once.
 #[derive(Debug)]
 pub(crate) struct Registration {

@@ -30,6 +30,8 @@ struct Limits {
     fault: (f64, f64),
     /// After a walk that began in motion, or had no IMU.
     poor: (f64, f64),
+    /// What makes it lose its match: spoils ten frames.
+    upset: fn(&mut [Frame]),
 }
 
 const LIO: Limits = Limits {
@@ -38,6 +40,7 @@ const LIO: Limits = Limits {
     wall: (0.02, 0.3),
     fault: (0.06, 0.5),
     poor: (0.15, 1.0),
+    upset: faults::an_imu_that_lies,
 };
 const LOAM: Limits = Limits {
     walk: (0.04, 0.5),
@@ -45,6 +48,7 @@ const LOAM: Limits = Limits {
     wall: (0.05, 0.5),
     fault: (0.15, 1.0),
     poor: (0.25, 2.0),
+    upset: faults::a_lidar_that_tumbles,
 };
 
 macro_rules! conformance {
@@ -71,7 +75,7 @@ conformance! {
     honesty::a_blank_wall_leaves_two_directions_unobserved_and_the_pose_says_which,
     honesty::a_turn_to_a_blank_wall_and_back_is_survived_and_named,
     honesty::the_published_covariance_is_symmetric_and_positive,
-    honesty::scans_that_fit_nothing_are_said_and_left_behind,
+    honesty::a_loss_is_said_and_mended,
     faults::values_that_are_not_finite_are_dropped_counted_and_never_published,
     faults::a_frame_from_the_past_changes_nothing_and_counts_as_late,
     faults::scans_of_garbage_make_neither_garbage_nor_a_jump,
