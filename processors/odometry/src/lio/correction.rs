@@ -134,8 +134,7 @@ fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>, sections: &
     for section in matches.chunk_by(|a, b| a.section == b.section) {
         let Some(id) = section.first().map(|matched| matched.section) else { continue };
         let mut sum = sum_of(section, state, rate);
-        if id < sections.current() && sum.observes_position() && section.len() * ANCHOR_SHARE > matches.len()
-        {
+        if id < sections.current() && sum.observes_position() && section.len() * ANCHOR_SHARE > matches.len() {
             total.anchor = total.anchor.or(Some(id));
         }
         if id == sections.current() {
@@ -240,7 +239,8 @@ mod tests {
         add_variance(&mut covariance, at::POSITION, 1e-2);
         let gate = Gate { range_noise: 0.02, floors: &[0.0; 2] };
         let mut matches = Vec::new();
-        let report = correct(
+        let report =
+            correct(
             &map,
             &selected,
             &mut state,

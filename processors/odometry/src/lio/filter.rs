@@ -1,8 +1,8 @@
 //! The running filter: its state, what it believes, and how both are loosened, held and fixed in the map frame.
 
 use evac_frames::{FrameHeader, PoseFrame, TrackingState};
-use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, Vector3};
 use evac_geometry::skew;
+use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, Vector3};
 
 use super::config::LioConfig;
 use super::correction::Report;

@@ -83,16 +83,17 @@ pub(crate) fn associate(
             seen = true;
             let residual = plane.distance(&point);
             let incidence = beam.dot(&plane.normal);
-            let point_variance =
-                (range_noise * incidence).powi(2) + POINT_FLOOR + plane.roughness * super::tune!("RW", 1.0);
-            let plane_variance =
-                plane.variances[0] / plane.points * leverage + plane.roughness / super::tune!("BUMPS", BUMPS);
+            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR + plane.roughness * super::tune!("RW", 1.0);
+            let plane_variance = plane.variances[0] / plane.points * leverage + plane.roughness / super::tune!("BUMPS", BUMPS);
             let total = point_variance + plane_variance;
             if best.as_ref().is_some_and(|(least, _)| *least <= total) {
                 continue;
             }
-            let h =
-                pose_row(&rotation.inverse_transform_vector(&plane.normal), &plane.normal, &candidate.point);
+            let h = pose_row(
+                &rotation.inverse_transform_vector(&plane.normal),
+                &plane.normal,
+                &candidate.point,
+            );
             let pose_variance = h.dot(&(predicted * h));
             let mut variance = total + gate_floor * gate_floor;
             variance += if first { pose_variance } else { 0.0 };

@@ -106,9 +106,7 @@ impl Monitor {
         let weak = viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
         if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
-            if super::tune!("DBG", 0.0) > 0.0 {
-                eprintln!("LOST weak {} nis {} possible {possible}", self.weak, self.nis);
-            }
+            if super::tune!("DBG", 0.0) > 0.0 { eprintln!("LOST weak {} nis {} possible {possible}", self.weak, self.nis); }
             *self = Self { lost: true, usual_share: self.usual_share, ..Self::default() };
             return Verdict::JustLost;
         }
@@ -161,13 +159,9 @@ mod tests {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
         let mut fast = standing();
         fast.velocity.x = 10.0;
-        assert_eq!(
-            monitor.judge(&report(2300, 0.9, 0.05), Expected::default(), &fast, &config),
-            Verdict::JustLost
-        );
-        let verdicts: Vec<_> = (0..30)
-            .map(|_| monitor.judge(&report(10, 3.0, 0.1), Expected::default(), &standing(), &config))
-            .collect();
+        assert_eq!(monitor.judge(&report(2300, 0.9, 0.05), Expected::default(), &fast, &config), Verdict::JustLost);
+        let verdicts: Vec<_> =
+            (0..30).map(|_| monitor.judge(&report(10, 3.0, 0.1), Expected::default(), &standing(), &config)).collect();
         assert!(verdicts[..29].iter().all(|verdict| *verdict == Verdict::Lost));
         assert_eq!(verdicts[29], Verdict::Restart);
         assert!(!monitor.is_lost());
@@ -176,12 +170,7 @@ mod tests {
     #[test]
     fn the_noise_grows_with_surprise_but_not_from_a_blind_frame() {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
-        monitor.judge(
-            &report(2300, 0.9, 3.0),
-            Expected { degenerate: true, returning: false },
-            &standing(),
-            &config,
-        );
+        monitor.judge(&report(2300, 0.9, 3.0), Expected { degenerate: true, returning: false }, &standing(), &config);
         assert_eq!(monitor.noise_factor(), 1.0);
         monitor.judge(&report(2300, 0.9, 3.0), Expected::default(), &standing(), &config);
         assert!((monitor.noise_factor() - 16.0).abs() < 1e-9);

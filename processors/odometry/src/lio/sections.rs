@@ -89,8 +89,7 @@ impl Sections {
         }
         *covariance += change * offset * change.transpose();
         for section in &mut self.known {
-            section.offset =
-                if section.id == id { PoseCovariance::zeros() } else { between(&section.offset, &offset) };
+            section.offset = if section.id == id { PoseCovariance::zeros() } else { between(&section.offset, &offset) };
         }
         self.current = id;
     }
@@ -103,10 +102,7 @@ impl Sections {
 
     fn offset(&self, id: SectionId) -> PoseCovariance {
         let after = self.known.partition_point(|section| section.id <= id);
-        after
-            .checked_sub(1)
-            .and_then(|index| self.known.get(index))
-            .map_or_else(PoseCovariance::zeros, |s| s.offset)
+        after.checked_sub(1).and_then(|index| self.known.get(index)).map_or_else(PoseCovariance::zeros, |s| s.offset)
     }
 
     fn add_to_all(&mut self, offset: &PoseCovariance) {

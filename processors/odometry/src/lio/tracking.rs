@@ -110,12 +110,7 @@ impl Lio {
         filter.frame = filter.frame.wrapping_add(1);
         let end_ns = input.header.frame.end_ns - filter.state.offset_ns();
         let at_rest = self.is_at_rest(filter.stamp_ns);
-        let noise = Noise::new(
-            &self.config,
-            filter.noise_factor(),
-            filter.is_loose() && filter.degeneracy.count == 0,
-            at_rest,
-        );
+        let noise = Noise::new(&self.config, filter.noise_factor(), filter.is_loose() && filter.degeneracy.count == 0, at_rest);
         self.diagnostics.imu_gaps += propagate(
             &mut filter.state,
             &mut filter.covariance,
@@ -157,16 +152,8 @@ impl Lio {
         add_variance(&mut covariance, at::ROTATION, SCOUT_ROTATION.powi(2));
         add_variance(&mut covariance, at::POSITION, SCOUT_POSITION.powi(2));
         let gate = Gate { range_noise: self.config.range_noise_m, floors: SCOUT_GATE };
-        let report = correct(
-            &self.map,
-            &self.selected,
-            &mut state,
-            &mut covariance,
-            rate,
-            &gate,
-            &filter.sections,
-            &mut self.matches,
-        );
+        let report =
+            correct(&self.map, &self.selected, &mut state, &mut covariance, rate, &gate, &filter.sections, &mut self.matches);
         let spread = |index: usize| {
             covariance.fixed_view::<3, 3>(index, index).into_owned().symmetric_eigenvalues().max()
         };
@@ -226,25 +213,7 @@ impl Lio {
         predicted: &State,
     ) -> TrackingState {
         let degenerate = filter.degeneracy.count > 0;
-        if super::tune!("DBG", 0.0) > 0.0 {
-            eprintln!(
-                "F{} nis {:.2} used {} view {} sel {} res {:.2} sec {} ret {} anchor {:?} deg {} sig {:.4} dp {:.4} dr {:.3} noise {:.1}",
-                filter.frame,
-                report.nis,
-                report.used,
-                report.in_view,
-                report.selected,
-                report.residual,
-                filter.sections.current(),
-                filter.returning,
-                report.anchor,
-                filter.degeneracy.count,
-                filter.position_sigma(),
-                (filter.state.position - predicted.position).norm(),
-                filter.state.rotation.angle_to(&predicted.rotation).to_degrees(),
-                filter.monitor.noise_factor()
-            );
-        }
+        if super::tune!("DBG", 0.0) > 0.0 { eprintln!("F{} nis {:.2} used {} view {} sel {} res {:.2} sec {} ret {} anchor {:?} deg {} sig {:.4} dp {:.4} dr {:.3} noise {:.1}", filter.frame, report.nis, report.used, report.in_view, report.selected, report.residual, filter.sections.current(), filter.returning, report.anchor, filter.degeneracy.count, filter.position_sigma(), (filter.state.position-predicted.position).norm(), filter.state.rotation.angle_to(&predicted.rotation).to_degrees(), filter.monitor.noise_factor()); }
         let expected = Expected { degenerate, returning: filter.returning > 0 };
         filter.returning = filter.returning.saturating_sub(1);
         let verdict = filter.monitor.judge(report, expected, &filter.state, &self.config);
@@ -277,9 +246,7 @@ impl Lio {
 
     /// Whether the scan goes into the section that the pose is in, into a new one or back into an old one.
     fn choose_section(&mut self, filter: &mut Filter, report: &Report) {
-        if super::tune!("NOSEC", 0.0) > 0.0 {
-            return;
-        }
+        if super::tune!("NOSEC", 0.0) > 0.0 { return; }
         if let Some(id) = report.anchor {
             filter.sections.return_to(id, &filter.state, &mut filter.covariance);
             filter.returning = RETURNING_FRAMES;
@@ -287,9 +254,7 @@ impl Lio {
             return;
         }
         let unseen = report.selected - report.in_view;
-        if unseen * super::tune!("UNSEEN", NEW_GROUND_SHARE as f64) as usize > report.selected
-            && filter.position_sigma() > super::tune!("SECSIG", SECTION_SIGMA)
-        {
+        if unseen * super::tune!("UNSEEN", NEW_GROUND_SHARE as f64) as usize > report.selected && filter.position_sigma() > super::tune!("SECSIG", SECTION_SIGMA) {
             filter.sections.begin(&filter.state, &mut filter.covariance);
             self.diagnostics.sections_begun += 1;
         }
