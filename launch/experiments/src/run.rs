@@ -2,7 +2,7 @@
 
 use evac_deskewer::Deskewer;
 use evac_evaluation::Pairs;
-use evac_frames::{PoseFrame, TrackingState, frame_flags};
+use evac_frames::{ImuSample, PoseFrame, TrackingState, frame_flags};
 use evac_geometry::nalgebra::Isometry3;
 use evac_odometry::{Lio, Loam};
 use evac_stage::{Counters, PoseOutput, Rig, ScanOutput, ScanWithImu, Stage, StageError};
@@ -81,8 +81,9 @@ where
         Ok(pipeline) => pipeline,
         Err(cause) => return Trajectory { refused: Some(cause.to_string()), ..run },
     };
+    let stream = walk.imu();
     for frame in &walk.frames {
-        match pipeline.feed(frame) {
+        match pipeline.feed(frame, &stream) {
             Ok(result) => run.frames.push(result),
             Err(cause) => {
                 run.refused = Some(cause.to_string());
@@ -114,13 +115,16 @@ where
         })
     }
 
-    fn feed(&mut self, frame: &Frame) -> Result<FrameResult, StageError> {
+    fn feed(&mut self, frame: &Frame, stream: &[ImuSample]) -> Result<FrameResult, StageError> {
         let Frame { header, points, imu, truth } = frame;
         let prior = self.poses.memory.last().copied();
-        // The run loop waits for cover; after the stream's last sample there is nothing to wait for.
-        let imu_covers = imu.last().is_some_and(|last| {
-            last.stamp_ns >= header.frame.end_ns || last.flags & frame_flags::END_OF_STREAM != 0
-        });
+        // The run loop waits for cover, longer where the IMU's stamps are known to run ahead; after the stream's last sample
+        // there is nothing to wait for.
+        let imu_end_ns = header.imu_end_ns(prior.map_or(0, |pose| pose.time_offset_ns));
+        let imu = until(stream, imu, imu_end_ns);
+        let imu_covers = imu
+            .last()
+            .is_some_and(|last| last.stamp_ns >= imu_end_ns || last.flags & frame_flags::END_OF_STREAM != 0);
         let input = ScanWithImu { header, points, imu, imu_covers, prior: prior.as_ref() };
         let started = computed();
         self.deskewer.process(input, &mut self.scans, &mut Counters::default())?;
@@ -144,4 +148,12 @@ fn computed() -> Timespec {
 fn milliseconds(since: Timespec) -> f64 {
     let now = computed();
     (now.tv_sec - since.tv_sec) as f64 * 1e3 + (now.tv_nsec - since.tv_nsec) as f64 * 1e-6
+}
+
+/// The samples `imu` of one frame out of the whole `stream`, and those after them to the first one at or after `end_ns`.
+fn until<'a>(stream: &'a [ImuSample], imu: &'a [ImuSample], end_ns: i64) -> &'a [ImuSample] {
+    let Some(first) = imu.first() else { return imu };
+    let start = stream.partition_point(|sample| sample.stamp_ns < first.stamp_ns);
+    let end = (stream.partition_point(|sample| sample.stamp_ns < end_ns) + 1).min(stream.len());
+    stream.get(start..end.max(start + imu.len())).unwrap_or(imu)
 }

@@ -202,7 +202,11 @@ impl Motion {
         // Over many steps the acceleration averages to zero: what remains of it is an error of gravity.
         let gravity = start.gravity - (end.velocity - start.velocity) / LEVELLING_S;
         // What is faster than any carrier came out of bad samples; no velocity is the better guess then.
-        let fade = if end.velocity.norm() > MAX_OWN_SPEED { 0.0 } else { (-seconds / self.config.velocity_decay_s).exp() };
+        let fade = if end.velocity.norm() > MAX_OWN_SPEED {
+            0.0
+        } else {
+            (-seconds / self.config.velocity_decay_s).exp()
+        };
         ImuState {
             velocity: end.velocity * fade,
             gravity: gravity.try_normalize(1e-9).map_or(start.gravity, |down| down * STANDARD_GRAVITY),

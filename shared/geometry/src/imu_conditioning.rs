@@ -161,9 +161,7 @@ mod tests {
         let (out, conditioner) = conditioned(&raw);
         assert!(conditioner.is_in_g());
         assert!(
-            out.iter()
-                .zip(&raw)
-                .all(|(a, b)| (a.accel[2] - b.accel[2] * STANDARD_GRAVITY).abs() < 1e-12)
+            out.iter().zip(&raw).all(|(a, b)| (a.accel[2] - b.accel[2] * STANDARD_GRAVITY).abs() < 1e-12)
         );
     }
 

@@ -126,7 +126,7 @@ impl Cell {
         let mut order = [0, 1, 2];
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
         let [l0, l1, l2] = order.map(|i| eigen.eigenvalues[i].max(0.0));
-        let planar = l0.sqrt() < super::tune!("THICK", MAX_THICKNESS) && l1 > 10.0 * l0 && l1.sqrt() > 0.08 * edge;
+        let planar = l0.sqrt() < MAX_THICKNESS && l1 > 10.0 * l0 && l1.sqrt() > 0.08 * edge;
         self.plane = planar.then(|| {
             let normal = eigen.eigenvectors.column(order[0]).into_owned();
             let beams = symmetric(self.beams.map(|sum| f64::from(sum) / n));
@@ -138,7 +138,7 @@ impl Cell {
                 variances: [l0, l1, l2],
                 points: n,
                 // The standard error of a variance of n normal samples is sqrt(2 / n) of it.
-                roughness: (l0 - sensor * (1.0 + super::tune!("RSIG", ROUGH_SIGMAS) * (2.0 / n).sqrt())).max(0.0),
+                roughness: (l0 - sensor * (1.0 + ROUGH_SIGMAS * (2.0 / n).sqrt())).max(0.0),
             }
         });
     }

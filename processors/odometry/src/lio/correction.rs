@@ -4,14 +4,13 @@
 use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::degeneracy::Degeneracy;
-use super::matching::{Match, Selected, associate, pose_row};
-use super::plane_map::PlaneMap;
+use super::matching::{Known, Match, Search, Selected, associate, pose_row};
 use super::sections::{PoseCovariance, SectionId, Sections};
 use super::state::{Covariance, DIM, Error, MEASURED, State, at};
 
 /// Points of a frame are not independent (shared beam, time and surface errors): variance times this. The optimum is
 /// flat from 5 to 20.
-const INFLATION: f64 = 10.0;
+const INFLATION: f64 = 20.0;
 /// Cauchy weight's scale in standard deviations, squared.
 const CAUCHY_SQUARED: f64 = 4.0;
 /// Common error of a plane that its fit does not show: the pose it was built from, metres.
@@ -72,16 +71,15 @@ impl Report {
     }
 }
 
-/// Corrects state and covariance by the match of `selected` with `map`. `rate` is the angular velocity at the scan's
+/// Corrects state and covariance by the match of `selected` with what is known. `rate` is the angular velocity at the scan's
 /// end, which together with the velocity says how a time offset shows.
 pub(crate) fn correct(
-    map: &PlaneMap,
+    known: &Known<'_>,
     selected: &[Selected],
     state: &mut State,
     covariance: &mut Covariance,
     rate: &Vector3<f64>,
     gate: &Gate,
-    sections: &Sections,
     matches: &mut Vec<Match>,
 ) -> Report {
     let prior = *state;
@@ -94,19 +92,15 @@ pub(crate) fn correct(
     for iteration in 0..gate.floors.len() + REFINEMENTS {
         let here = prior.plus(&d);
         if let Some(floor) = gate.floors.get(iteration) {
-            report.in_view = associate(
-                map,
-                selected,
-                &here,
-                &predicted,
-                iteration == 0,
-                sections,
-                gate.range_noise,
-                *floor,
-                matches,
-            );
+            let search = Search {
+                predicted: &predicted,
+                first: iteration == 0,
+                range_noise: gate.range_noise,
+                gate_floor: *floor,
+            };
+            report.in_view = associate(known, selected, &here, &search, matches);
         }
-        let information = accumulate(matches, &here, rate, sections);
+        let information = accumulate(matches, &here, rate, known.sections);
         report.anchor = information.anchor;
         report.used = matches.len();
         report.residual = (information.squares / information.here.max(1) as f64).sqrt();
@@ -134,7 +128,8 @@ fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>, sections: &
     for section in matches.chunk_by(|a, b| a.section == b.section) {
         let Some(id) = section.first().map(|matched| matched.section) else { continue };
         let mut sum = sum_of(section, state, rate);
-        if id < sections.current() && sum.observes_position() && section.len() * ANCHOR_SHARE > matches.len() {
+        if id < sections.current() && sum.observes_position() && section.len() * ANCHOR_SHARE > matches.len()
+        {
             total.anchor = total.anchor.or(Some(id));
         }
         if id == sections.current() {
@@ -160,10 +155,7 @@ fn sum_of(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Information 
         for m in cell {
             let residual = m.normal.dot(&(rotation * m.point + state.position)) - m.offset;
             let squared = residual * residual / m.point_variance;
-            let weight = 1.0
-                / (super::tune!("INFL", INFLATION)
-                    * m.point_variance
-                    * (1.0 + squared / super::tune!("CAUCHY", CAUCHY_SQUARED)));
+            let weight = 1.0 / (INFLATION * m.point_variance * (1.0 + squared / CAUCHY_SQUARED));
             let normal_in_imu = rotation.inverse_transform_vector(&m.normal);
             let pose = pose_row(&normal_in_imu, &m.normal, &m.point);
             let by_offset = -(m.normal.dot(&state.velocity) + normal_in_imu.dot(&rate.cross(&m.point)));
@@ -173,7 +165,7 @@ fn sum_of(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Information 
             let weighted = h * weight;
             matrix += weighted * h.transpose();
             vector -= weighted * residual;
-            shared += weight * (m.plane_variance + super::tune!("PFLOOR", PLANE_FLOOR).powi(2));
+            shared += weight * (m.plane_variance + PLANE_FLOOR.powi(2));
             total.squares += squared;
         }
         let scale = 1.0 / (1.0 + shared);
@@ -216,6 +208,7 @@ mod tests {
     use evac_geometry::nalgebra::Isometry3;
 
     use super::super::matching::select;
+    use super::super::plane_map::PlaneMap;
     use super::super::state::add_variance;
     use super::*;
 
@@ -239,21 +232,19 @@ mod tests {
         add_variance(&mut covariance, at::POSITION, 1e-2);
         let gate = Gate { range_noise: 0.02, floors: &[0.0; 2] };
         let mut matches = Vec::new();
-        let report =
-            correct(
-            &map,
+        let report = correct(
+            &Known { map: &map, sections: &Sections::new() },
             &selected,
             &mut state,
             &mut covariance,
             &Vector3::zeros(),
             &gate,
-            &Sections::new(),
             &mut matches,
         );
         assert!(report.used > selected.len() / 2, "{report:?}");
         assert!((state.position.x - 0.03).abs() < 2e-3, "{:?}", state.position);
         assert!(state.position.yz().norm() < 1e-3, "{:?}", state.position);
         let sigma = |i: usize| covariance[(at::POSITION + i, at::POSITION + i)].sqrt();
-        assert!(sigma(0) < 0.01 && sigma(1) > 0.09 && sigma(2) > 0.09);
+        assert!(sigma(0) < 0.02 && sigma(1) > 0.09 && sigma(2) > 0.09);
     }
 }

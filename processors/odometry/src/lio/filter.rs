@@ -1,8 +1,8 @@
 //! The running filter: its state, what it believes, and how both are loosened, held and fixed in the map frame.
 
 use evac_frames::{FrameHeader, PoseFrame, TrackingState};
-use evac_geometry::skew;
 use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, Vector3};
+use evac_geometry::skew;
 
 use super::config::LioConfig;
 use super::correction::Report;
@@ -28,6 +28,9 @@ const RESTART_POSITION: f64 = 1.0;
 const RESTART_ROTATION: f64 = 0.1;
 /// Velocity of a rig at rest, m/s (standard deviation).
 const REST_VELOCITY: f64 = 0.01;
+/// Blur of a map that is begun in motion, rad and m.
+const MOVING_ROTATION: f64 = 1e-3;
+const MOVING_POSITION: f64 = 5e-3;
 /// Uncertainty of a time offset that the coarse search found, seconds.
 const FOUND_TIME_OFFSET: f64 = 0.004;
 /// An accelerometer bias beyond this is a false one, m/s^2.
@@ -53,7 +56,7 @@ pub(crate) struct Filter {
 }
 
 impl Filter {
-    pub(crate) fn new(start: &Start, stamp_ns: i64, config: &LioConfig) -> Self {
+    pub(crate) fn new(start: &Start, stamp_ns: i64, config: &LioConfig, sections: Sections) -> Self {
         let mut covariance = start.covariance;
         covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = (config.time_offset_sigma_ms * 1e-3).powi(2);
         add_variance(&mut covariance, at::GYRO_SCALE, config.gyro_scale_sigma.powi(2));
@@ -68,7 +71,7 @@ impl Filter {
             frame: 0,
             settling: (!start.standing).then_some(Settling::at_start()),
             returning: 0,
-            sections: Sections::new(),
+            sections,
         }
     }
 
@@ -161,13 +164,13 @@ impl Filter {
             block.copy_from(new_from_old.to_rotation_matrix().matrix());
         }
         self.sections.clear();
-        // The pose is exact by definition now.
+        // The pose is exact by definition now, up to the blur of the scans that the map begins with.
         for index in at::ROTATION..at::TIME_OFFSET {
             turn[(index, index)] = 0.0;
         }
         self.covariance = turn * self.covariance * turn.transpose();
-        add_variance(&mut self.covariance, at::ROTATION, 1e-10);
-        add_variance(&mut self.covariance, at::POSITION, 1e-10);
+        add_variance(&mut self.covariance, at::ROTATION, MOVING_ROTATION.powi(2));
+        add_variance(&mut self.covariance, at::POSITION, MOVING_POSITION.powi(2));
     }
 
     pub(crate) fn is_finite(&self) -> bool {

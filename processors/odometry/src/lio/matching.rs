@@ -47,22 +47,41 @@ pub(crate) struct Match {
     pub(crate) plane_variance: f64,
 }
 
+/// What is matched with.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Known<'a> {
+    /// The map.
+    pub(crate) map: &'a PlaneMap,
+    /// Its sections.
+    pub(crate) sections: &'a Sections,
+}
+
+/// How far from the pose at hand planes are looked for.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Search<'a> {
+    /// Covariance of the pose before the match.
+    pub(crate) predicted: &'a PoseCovariance,
+    /// The pose at hand is the predicted one.
+    pub(crate) first: bool,
+    /// Range noise, metres.
+    pub(crate) range_noise: f64,
+    /// Standard deviation added to every residual's, metres.
+    pub(crate) gate_floor: f64,
+}
+
 /// Finds for every selected point the most certain plane whose residual passes the gate, coarse to fine and the first smooth one;
 /// returns how many points had any plane to be compared with.
 ///
-/// The covariance of the `predicted` pose widens the gate in the `first` association; `gate_floor` (metres) widens it in the
-/// loose mode.
+/// The covariance of the predicted pose widens the gate in the first association, the gate's floor in the loose mode.
 pub(crate) fn associate(
-    map: &PlaneMap,
+    known: &Known<'_>,
     selected: &[Selected],
     state: &State,
-    predicted: &PoseCovariance,
-    first: bool,
-    sections: &Sections,
-    range_noise: f64,
-    gate_floor: f64,
+    search: &Search<'_>,
     matches: &mut Vec<Match>,
 ) -> usize {
+    let Known { map, sections } = known;
+    let Search { predicted, first, range_noise, gate_floor } = *search;
     matches.clear();
     let rotation = state.rotation.to_rotation_matrix();
     let mut in_view = 0;
@@ -83,17 +102,14 @@ pub(crate) fn associate(
             seen = true;
             let residual = plane.distance(&point);
             let incidence = beam.dot(&plane.normal);
-            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR + plane.roughness * super::tune!("RW", 1.0);
-            let plane_variance = plane.variances[0] / plane.points * leverage + plane.roughness / super::tune!("BUMPS", BUMPS);
+            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR + plane.roughness * 1.0;
+            let plane_variance = plane.variances[0] / plane.points * leverage + plane.roughness / BUMPS;
             let total = point_variance + plane_variance;
             if best.as_ref().is_some_and(|(least, _)| *least <= total) {
                 continue;
             }
-            let h = pose_row(
-                &rotation.inverse_transform_vector(&plane.normal),
-                &plane.normal,
-                &candidate.point,
-            );
+            let h =
+                pose_row(&rotation.inverse_transform_vector(&plane.normal), &plane.normal, &candidate.point);
             let pose_variance = h.dot(&(predicted * h));
             let mut variance = total + gate_floor * gate_floor;
             variance += if first { pose_variance } else { 0.0 };
@@ -103,7 +119,7 @@ pub(crate) fn associate(
                 }
                 variance += h.dot(&(recent.1 * h));
             }
-            if residual * residual < super::tune!("GATE", GATE_SQUARED) * variance {
+            if residual * residual < GATE_SQUARED * variance {
                 let matched = Match {
                     section: cell.section,
                     cell: index,
@@ -111,11 +127,11 @@ pub(crate) fn associate(
                     normal: plane.normal,
                     offset: plane.normal.dot(&plane.centroid),
                     point_variance: point_variance + gate_floor * gate_floor,
-                    plane_variance: plane_variance + pose_variance * super::tune!("DOUBT", DOUBT),
+                    plane_variance: plane_variance + pose_variance * DOUBT,
                 };
                 best = Some((total, matched));
                 // Nothing finer is better than a large smooth plane.
-                if plane.roughness < super::tune!("SMOOTH", 0.0) + 1e-12 {
+                if plane.roughness == 0.0 {
                     break;
                 }
             }

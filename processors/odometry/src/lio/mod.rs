@@ -8,14 +8,6 @@
 //! Mathematics: iterated error-state Kalman filter after Xu et al. 2022 (FAST-LIO2), voxel planes with their uncertainty
 //! after Yuan et al. 2022 (VoxelMap), in the information form of [`correction`] that inverts neither prior nor information.
 
-macro_rules! tune {
-    ($name:literal, $default:expr) => {{
-        static VALUE: std::sync::OnceLock<f64> = std::sync::OnceLock::new();
-        *VALUE.get_or_init(|| std::env::var($name).ok().and_then(|v| v.parse().ok()).unwrap_or($default))
-    }};
-}
-pub(crate) use tune;
-
 mod cell;
 mod config;
 mod correction;

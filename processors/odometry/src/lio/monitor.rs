@@ -15,6 +15,8 @@ const MAX_FACTOR: f64 = 400.0;
 const LOST_NIS: f64 = 5.0;
 const LOST_SHARE: f64 = 0.1;
 const LOST_RESIDUAL: f64 = 2.0;
+/// From one scan to the next at most a quarter of the view is new: a share of this times the usual one is no change of view.
+const SUDDEN_SHARE: f64 = 0.15;
 const WEAK_FRAMES: u32 = 3;
 /// Share of the selected points that must see planes before a bad match counts.
 const VIEW_SHARE: f64 = 0.3;
@@ -30,6 +32,8 @@ const RESTART_FRAMES: u32 = 30;
 pub(crate) enum Verdict {
     /// Use it and map it.
     Good,
+    /// Use what little there is of it, but do not map it.
+    Doubtful,
     /// The match has just been lost.
     JustLost,
     /// Still lost.
@@ -45,6 +49,8 @@ pub(crate) struct Expected {
     pub(crate) degenerate: bool,
     /// The pose comes back to an older section of the map.
     pub(crate) returning: bool,
+    /// Scans are missing before this one: it may see what none has seen.
+    pub(crate) after_gap: bool,
 }
 
 /// Memory of the frames before.
@@ -103,12 +109,16 @@ impl Monitor {
                 viewed && found && report.residual < FOUND_RESIDUAL && possible && !expected.degenerate,
             );
         }
-        let weak = viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
+        let sudden =
+            !expected.after_gap && report.selected > 100 && used_share < SUDDEN_SHARE * self.usual_share;
+        let weak = sudden || viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
         if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
-            if super::tune!("DBG", 0.0) > 0.0 { eprintln!("LOST weak {} nis {} possible {possible}", self.weak, self.nis); }
             *self = Self { lost: true, usual_share: self.usual_share, ..Self::default() };
             return Verdict::JustLost;
+        }
+        if weak {
+            return Verdict::Doubtful;
         }
         self.usual_share += FALL * (used_share - self.usual_share);
         Verdict::Good
@@ -149,7 +159,7 @@ mod tests {
             assert_eq!(judge(&report(2300, 0.9, 0.05)), Verdict::Good);
         }
         let verdicts: Vec<_> = (0..4).map(|_| judge(&report(100, 1.0, 0.05))).collect();
-        assert_eq!(verdicts, [Verdict::Good, Verdict::Good, Verdict::JustLost, Verdict::Lost]);
+        assert_eq!(verdicts, [Verdict::Doubtful, Verdict::Doubtful, Verdict::JustLost, Verdict::Lost]);
         let verdicts: Vec<_> = (0..5).map(|_| judge(&report(2200, 1.2, 0.2))).collect();
         assert_eq!(verdicts[3..], [Verdict::Lost, Verdict::Good]);
     }
@@ -159,9 +169,13 @@ mod tests {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
         let mut fast = standing();
         fast.velocity.x = 10.0;
-        assert_eq!(monitor.judge(&report(2300, 0.9, 0.05), Expected::default(), &fast, &config), Verdict::JustLost);
-        let verdicts: Vec<_> =
-            (0..30).map(|_| monitor.judge(&report(10, 3.0, 0.1), Expected::default(), &standing(), &config)).collect();
+        assert_eq!(
+            monitor.judge(&report(2300, 0.9, 0.05), Expected::default(), &fast, &config),
+            Verdict::JustLost
+        );
+        let verdicts: Vec<_> = (0..30)
+            .map(|_| monitor.judge(&report(10, 3.0, 0.1), Expected::default(), &standing(), &config))
+            .collect();
         assert!(verdicts[..29].iter().all(|verdict| *verdict == Verdict::Lost));
         assert_eq!(verdicts[29], Verdict::Restart);
         assert!(!monitor.is_lost());
@@ -170,7 +184,12 @@ mod tests {
     #[test]
     fn the_noise_grows_with_surprise_but_not_from_a_blind_frame() {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
-        monitor.judge(&report(2300, 0.9, 3.0), Expected { degenerate: true, returning: false }, &standing(), &config);
+        monitor.judge(
+            &report(2300, 0.9, 3.0),
+            Expected { degenerate: true, ..Expected::default() },
+            &standing(),
+            &config,
+        );
         assert_eq!(monitor.noise_factor(), 1.0);
         monitor.judge(&report(2300, 0.9, 3.0), Expected::default(), &standing(), &config);
         assert!((monitor.noise_factor() - 16.0).abs() < 1e-9);

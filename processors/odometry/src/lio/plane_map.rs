@@ -193,7 +193,10 @@ mod tests {
         for frame in 0..60 {
             map.next_frame(0);
             for i in 0..200 {
-                map.insert(&Vector3::new(f64::from(frame) * 0.9, f64::from(i) * 0.31 - 30.0, 0.05), &Vector3::x());
+                map.insert(
+                    &Vector3::new(f64::from(frame) * 0.9, f64::from(i) * 0.31 - 30.0, 0.05),
+                    &Vector3::x(),
+                );
             }
         }
         assert!(map.len() == 4096 && map.evicted > 1000);

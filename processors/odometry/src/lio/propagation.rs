@@ -161,7 +161,11 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     if !held {
         let unaligned_rate = aligned.inverse_transform_vector(&rate);
         set(at::ROTATION, at::GYRO_BIAS, &(aligned.matrix() * -h));
-        set(at::ROTATION, at::GYRO_SCALE, &(aligned.matrix() * Matrix3::from_diagonal(&(unaligned_rate * -h))));
+        set(
+            at::ROTATION,
+            at::GYRO_SCALE,
+            &(aligned.matrix() * Matrix3::from_diagonal(&(unaligned_rate * -h))),
+        );
         set(at::ROTATION, at::MISALIGNMENT, &(skew(&rate) * aligned.matrix() * -h));
     }
     let force = (force_a + force_b) / 2.0;
@@ -284,7 +288,15 @@ mod tests {
             state = state.plus(d);
             state.gravity = gravity;
             let mut trace = Vec::with_capacity(8);
-            propagate(&mut state, covariance, readings, (0, 10_000_000), &Vector3::zeros(), &silent, &mut trace);
+            propagate(
+                &mut state,
+                covariance,
+                readings,
+                (0, 10_000_000),
+                &Vector3::zeros(),
+                &silent,
+                &mut trace,
+            );
             state
         };
         let mut covariance = Covariance::identity();

@@ -89,7 +89,8 @@ impl Sections {
         }
         *covariance += change * offset * change.transpose();
         for section in &mut self.known {
-            section.offset = if section.id == id { PoseCovariance::zeros() } else { between(&section.offset, &offset) };
+            section.offset =
+                if section.id == id { PoseCovariance::zeros() } else { between(&section.offset, &offset) };
         }
         self.current = id;
     }
@@ -102,7 +103,10 @@ impl Sections {
 
     fn offset(&self, id: SectionId) -> PoseCovariance {
         let after = self.known.partition_point(|section| section.id <= id);
-        after.checked_sub(1).and_then(|index| self.known.get(index)).map_or_else(PoseCovariance::zeros, |s| s.offset)
+        after
+            .checked_sub(1)
+            .and_then(|index| self.known.get(index))
+            .map_or_else(PoseCovariance::zeros, |s| s.offset)
     }
 
     fn add_to_all(&mut self, offset: &PoseCovariance) {
@@ -148,8 +152,8 @@ fn relative_to_pose(state: &State, covariance: &mut Covariance) {
         change.fixed_view_mut::<3, 3>(index, at::ROTATION).copy_from(&(skew(vector) * rotation.matrix()));
     }
     *covariance = change * *covariance * change.transpose();
-    add_variance(covariance, at::ROTATION, super::tune!("EXROT", EXACT_ROTATION).powi(2));
-    add_variance(covariance, at::POSITION, super::tune!("EXPOS", EXACT_POSITION).powi(2));
+    add_variance(covariance, at::ROTATION, EXACT_ROTATION.powi(2));
+    add_variance(covariance, at::POSITION, EXACT_POSITION.powi(2));
 }
 
 /// What is exact by definition is so up to the blur of the scans that the section is laid from, rad and m.

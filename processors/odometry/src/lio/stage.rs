@@ -16,6 +16,7 @@ use super::offset_search::OffsetSearch;
 use super::plane_map::PlaneMap;
 use super::propagation::TracePoint;
 use super::report::waiting_frame;
+use super::sections::Sections;
 
 /// Most points that go to the match and most that a frame is taken to have: 1000 in the match are enough.
 pub(crate) const MAX_SELECTED: usize = 4096;
@@ -69,6 +70,8 @@ pub struct Lio {
     pub(crate) map: PlaneMap,
     pub(crate) offset_search: OffsetSearch,
     initialiser: Initialiser,
+    /// For the filter, which begins in the middle of a run where nothing may be allocated.
+    sections: Option<Sections>,
     /// `None` until the start.
     pub(crate) filter: Option<Filter>,
     still: Vec<Vector3<f32>>,
@@ -102,6 +105,7 @@ impl Stage for Lio {
             map: PlaneMap::new(config.max_cells as usize, config.range_noise_m),
             offset_search: OffsetSearch::new(),
             initialiser: Initialiser::new(),
+            sections: Some(Sections::new()),
             filter: None,
             still: Vec::with_capacity(MAX_STILL_POINTS),
             points: Vec::with_capacity(MAX_POINTS),
@@ -211,7 +215,12 @@ impl Lio {
         self.config.accel_noise_m_s2 = self.config.accel_noise_m_s2.max(start.accel_noise);
         self.diagnostics.started_standing = start.standing;
         let frame = &input.header.frame;
-        let filter = Filter::new(start, frame.end_ns, &self.config);
+        let filter = Filter::new(
+            start,
+            frame.end_ns,
+            &self.config,
+            self.sections.take().unwrap_or_else(Sections::new),
+        );
         let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
         insert_all(&mut self.map, &map_from_lidar, self.still.iter().map(|point| point.cast()));
         self.still = Vec::new();

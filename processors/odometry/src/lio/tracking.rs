@@ -11,7 +11,7 @@ use super::deskew::Deskew;
 use super::filter::Filter;
 use super::imu::Reading;
 use super::initialisation::upright;
-use super::matching::select;
+use super::matching::{Known, select};
 use super::monitor::{Expected, Verdict};
 use super::offset_search::Found;
 use super::propagation::{Noise, propagate};
@@ -36,6 +36,8 @@ const REST_SPEED: f64 = 0.1;
 const NEW_GROUND_SHARE: usize = 10;
 /// A pose less certain than this is no place to lay new ground from as if it were exact, metres.
 const SECTION_SIGMA: f64 = 0.005;
+/// Scans farther apart than this have others missing between them, seconds.
+const MAX_STEP_S: f64 = 0.25;
 /// Frames within which the pose is back in an older section.
 const RETURNING_FRAMES: u32 = 3;
 /// What the scout is not told by the IMU, rad and m.
@@ -70,13 +72,12 @@ impl Lio {
         };
         let scout = self.scout(&filter, &rate);
         let report = correct(
-            &self.map,
+            &Known { map: &self.map, sections: &filter.sections },
             &self.selected,
             &mut filter.state,
             &mut filter.covariance,
             &rate,
             &gate,
-            &filter.sections,
             &mut self.matches,
         );
         filter.degeneracy = Degeneracy::of(&report.position_information);
@@ -86,7 +87,7 @@ impl Lio {
         }
         let tracking = match filter.settling {
             Some(settling) => self.settle(&mut filter, settling, &before.0),
-            None => self.judge(&mut filter, &report, &before.0, &predicted),
+            None => self.judge(&mut filter, &report, &before.0, &predicted, gap_s),
         };
         if let Some(scout) = scout {
             self.search_offset(&mut filter, &scout, input.header.frame.end_ns);
@@ -110,7 +111,12 @@ impl Lio {
         filter.frame = filter.frame.wrapping_add(1);
         let end_ns = input.header.frame.end_ns - filter.state.offset_ns();
         let at_rest = self.is_at_rest(filter.stamp_ns);
-        let noise = Noise::new(&self.config, filter.noise_factor(), filter.is_loose() && filter.degeneracy.count == 0, at_rest);
+        let noise = Noise::new(
+            &self.config,
+            filter.noise_factor(),
+            filter.is_loose() && filter.degeneracy.count == 0,
+            at_rest,
+        );
         self.diagnostics.imu_gaps += propagate(
             &mut filter.state,
             &mut filter.covariance,
@@ -152,8 +158,15 @@ impl Lio {
         add_variance(&mut covariance, at::ROTATION, SCOUT_ROTATION.powi(2));
         add_variance(&mut covariance, at::POSITION, SCOUT_POSITION.powi(2));
         let gate = Gate { range_noise: self.config.range_noise_m, floors: SCOUT_GATE };
-        let report =
-            correct(&self.map, &self.selected, &mut state, &mut covariance, rate, &gate, &filter.sections, &mut self.matches);
+        let report = correct(
+            &Known { map: &self.map, sections: &filter.sections },
+            &self.selected,
+            &mut state,
+            &mut covariance,
+            rate,
+            &gate,
+            &mut self.matches,
+        );
         let spread = |index: usize| {
             covariance.fixed_view::<3, 3>(index, index).into_owned().symmetric_eigenvalues().max()
         };
@@ -211,10 +224,11 @@ impl Lio {
         report: &Report,
         before: &State,
         predicted: &State,
+        gap_s: f64,
     ) -> TrackingState {
         let degenerate = filter.degeneracy.count > 0;
-        if super::tune!("DBG", 0.0) > 0.0 { eprintln!("F{} nis {:.2} used {} view {} sel {} res {:.2} sec {} ret {} anchor {:?} deg {} sig {:.4} dp {:.4} dr {:.3} noise {:.1}", filter.frame, report.nis, report.used, report.in_view, report.selected, report.residual, filter.sections.current(), filter.returning, report.anchor, filter.degeneracy.count, filter.position_sigma(), (filter.state.position-predicted.position).norm(), filter.state.rotation.angle_to(&predicted.rotation).to_degrees(), filter.monitor.noise_factor()); }
-        let expected = Expected { degenerate, returning: filter.returning > 0 };
+        let expected =
+            Expected { degenerate, returning: filter.returning > 0, after_gap: gap_s > MAX_STEP_S };
         filter.returning = filter.returning.saturating_sub(1);
         let verdict = filter.monitor.judge(report, expected, &filter.state, &self.config);
         self.diagnostics.nis = filter.monitor.nis();
@@ -223,6 +237,9 @@ impl Lio {
                 self.choose_section(filter, report);
                 self.map.next_frame(filter.sections.current());
                 self.insert_scan(filter);
+                return if degenerate { TrackingState::Degenerate } else { TrackingState::Tracking };
+            }
+            Verdict::Doubtful => {
                 return if degenerate { TrackingState::Degenerate } else { TrackingState::Tracking };
             }
             Verdict::JustLost => {
@@ -246,7 +263,6 @@ impl Lio {
 
     /// Whether the scan goes into the section that the pose is in, into a new one or back into an old one.
     fn choose_section(&mut self, filter: &mut Filter, report: &Report) {
-        if super::tune!("NOSEC", 0.0) > 0.0 { return; }
         if let Some(id) = report.anchor {
             filter.sections.return_to(id, &filter.state, &mut filter.covariance);
             filter.returning = RETURNING_FRAMES;
@@ -254,7 +270,7 @@ impl Lio {
             return;
         }
         let unseen = report.selected - report.in_view;
-        if unseen * super::tune!("UNSEEN", NEW_GROUND_SHARE as f64) as usize > report.selected && filter.position_sigma() > super::tune!("SECSIG", SECTION_SIGMA) {
+        if unseen * NEW_GROUND_SHARE > report.selected && filter.position_sigma() > SECTION_SIGMA {
             filter.sections.begin(&filter.state, &mut filter.covariance);
             self.diagnostics.sections_begun += 1;
         }

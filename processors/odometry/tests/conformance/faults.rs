@@ -1,10 +1,10 @@
 //! Faults of the data that must do no harm.
 
 use evac_frames::Point;
-use evac_geometry::nalgebra::{UnitQuaternion, Vector3};
+use evac_geometry::nalgebra::Vector3;
 use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu};
 
-use super::common::room::{Frame, Room, glide};
+use super::common::room::{Room, glide};
 use super::motions::shift;
 use super::{Limits, Odometry, Pipeline, assert_end, assert_sound, run};
 
@@ -83,24 +83,4 @@ pub(super) fn a_step_of_the_sensor_clock_is_survived<S: Odometry>(limits: &Limit
     let pipeline = run::<S>(&frames);
     assert_sound(pipeline.trajectory());
     assert_end(&pipeline, &frames, limits.fault);
-}
-
-/// The IMU says what is not so for 0.4 s.
-pub(super) fn an_imu_that_lies(frames: &mut [Frame]) {
-    for sample in frames[..4].iter_mut().flat_map(|frame| frame.imu.iter_mut()) {
-        sample.accel[1] += 60.0;
-        sample.gyro[2] += 0.3;
-    }
-}
-
-/// The LiDAR is loose on its mount, which the IMU knows nothing of.
-pub(super) fn a_lidar_that_tumbles(frames: &mut [Frame]) {
-    for (i, frame) in frames.iter_mut().enumerate() {
-        let angle = 2.4 * i as f64;
-        let knock = UnitQuaternion::from_euler_angles(0.5, 0.6 * angle.sin(), 0.6 * angle.cos());
-        for point in &mut frame.points {
-            let knocked = knock * Vector3::new(point.x, point.y, point.z).cast::<f64>();
-            *point = point.moved_to(knocked.x as f32, knocked.y as f32, knocked.z as f32);
-        }
-    }
 }

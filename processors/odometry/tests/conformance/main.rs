@@ -22,34 +22,16 @@ const JUMP: f64 = 0.3;
 struct Limits {
     /// At the end of a short walk in a room where all is observed, metres and degrees.
     walk: (f64, f64),
-    /// The same with people who fill half of the view.
-    people: (f64, f64),
     /// After half a minute before a blank wall without motion.
     wall: (f64, f64),
     /// After a walk with a fault in it that was said and mended.
     fault: (f64, f64),
     /// After a walk that began in motion, or had no IMU.
     poor: (f64, f64),
-    /// What makes it lose its match: spoils ten frames.
-    upset: fn(&mut [Frame]),
 }
 
-const LIO: Limits = Limits {
-    walk: (0.02, 0.2),
-    people: (0.04, 0.4),
-    wall: (0.02, 0.3),
-    fault: (0.06, 0.5),
-    poor: (0.15, 1.0),
-    upset: faults::an_imu_that_lies,
-};
-const LOAM: Limits = Limits {
-    walk: (0.04, 0.5),
-    people: (0.15, 1.0),
-    wall: (0.05, 0.5),
-    fault: (0.15, 1.0),
-    poor: (0.25, 2.0),
-    upset: faults::a_lidar_that_tumbles,
-};
+const LIO: Limits = Limits { walk: (0.02, 0.2), wall: (0.02, 0.3), fault: (0.06, 0.5), poor: (0.15, 1.0) };
+const LOAM: Limits = Limits { walk: (0.04, 0.5), wall: (0.05, 0.5), fault: (0.15, 1.0), poor: (0.25, 2.0) };
 
 macro_rules! conformance {
     ($($part:ident :: $sentence:ident),+ $(,)?) => {

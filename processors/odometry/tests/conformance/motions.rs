@@ -45,7 +45,7 @@ pub(super) fn people_who_walk_through_the_view_do_not_take_the_pose_along<S: Odo
     let frames = room.frames(10.0, glide(Vector3::new(0.0, 0.8, 0.0), 0.3, 6.0));
     let pipeline = run::<S>(&frames);
     assert_sound(pipeline.trajectory());
-    assert_end(&pipeline, &frames, limits.people);
+    assert_end(&pipeline, &frames, limits.fault);
     assert_eq!(pipeline.odometry.losses(), 0);
 }
 
