@@ -93,3 +93,15 @@ fn a_recorded_walk_maps_like_the_walk_itself() {
     assert_eq!(summary["frames_lost"], 0);
     assert!(summary["drift"]["end_percent"].as_f64().unwrap() < 2.0, "{}", summary["drift"]);
 }
+
+#[test]
+fn the_papers_odometry_maps_the_walk_as_well_and_says_so() {
+    let bench = Bench::new();
+    let path = bench.path("loam");
+    let args = ["demo", "--duration", SECONDS, "--domain", bench.domain.name(), "--odometry", "loam", "-o"];
+    bench.run(args.iter().map(std::ffi::OsStr::new).chain([path.as_os_str()])).expect_success();
+    let summary: Value = serde_json::from_str(&bench.text("loam/summary.json")).unwrap();
+    assert_eq!(summary["stages"]["loam"]["frames"]["out"], 140);
+    assert!(summary["latency_to_pose"]["count"].as_u64() > Some(0), "{summary}");
+    assert!(summary["drift"]["end_percent"].as_f64().unwrap() < 3.0, "{}", summary["drift"]);
+}

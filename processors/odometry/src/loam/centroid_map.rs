@@ -3,6 +3,8 @@
 
 use evac_geometry::nalgebra::Vector3;
 
+use super::nearest::{NEIGHBOURS, insert_sorted};
+
 const COORDINATE_BITS: u32 = 20;
 const EMPTY: u64 = 0;
 /// Points after which a voxel's mean is not changed any more: it is exact to a millimetre, and a map that followed every
@@ -15,9 +17,6 @@ const SWEEP: usize = 32;
 /// The radius shrinks by this factor per frame while the map is nearly full, down to [`LEAST_RADIUS`], and recovers.
 const SHRINK: f64 = 0.9;
 const LEAST_RADIUS: f64 = 5.0;
-
-/// Points of the map around a place that are matched with: as many as the paper's.
-pub(crate) const NEIGHBOURS: usize = 5;
 
 /// Voxels behind one open-addressing table that is allocated once.
 #[derive(Debug)]
@@ -182,25 +181,6 @@ impl CentroidMap {
         }
         self.slots[hole] = Voxel::FREE;
         self.len -= 1;
-    }
-}
-
-/// Takes a candidate into the list of the nearest. Of two that are closer together than the square root of `apart` only the
-/// nearer stays: a surface on the border of two layers of voxels has a mean in either, and such pairs are no plane.
-fn insert_sorted(nearest: &mut [(f64, Vector3<f64>); NEIGHBOURS], mut new: (f64, Vector3<f64>), apart: f64) {
-    let mut twins = nearest.iter().enumerate().filter(|(_, kept)| (kept.1 - new.1).norm_squared() < apart);
-    if let Some((index, twin)) = twins.find(|(_, kept)| kept.0.is_finite()) {
-        if twin.0 <= new.0 {
-            return;
-        }
-        // The twin's place is free: what is nearer than it moves on to there.
-        nearest[index].0 = f64::INFINITY;
-        nearest[index..].rotate_left(1);
-    }
-    for kept in nearest.iter_mut() {
-        if new.0 < kept.0 {
-            std::mem::swap(kept, &mut new);
-        }
     }
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A frame's way: [`stage`] takes it in and waits for the start ([`start`]); [`features`] chooses good points and finds edges
 //! and surfaces; then [`tracking`] carries the [`filter`] on ([`motion`]), matches features with the local map
-//! ([`registration`], [`shape`], [`centroid_map`]), leaves out what was not observed ([`observability`]), judges
+//! ([`registration`], [`sweep`], [`shape`], [`centroid_map`], [`nearest`]), leaves out what was not observed ([`observability`]), judges
 //! ([`monitor`], [`settling`]), maps, and reports ([`report`]).
 //!
 //! Mathematics: Lin and Zhang 2019 (Loam-Livox) for features, matching, outlier rejection and motion inside the frame; Zhang, Kaess
@@ -16,6 +16,7 @@ mod features;
 mod filter;
 mod monitor;
 mod motion;
+mod nearest;
 mod observability;
 mod registration;
 mod report;
@@ -23,6 +24,7 @@ mod settling;
 mod shape;
 mod stage;
 mod start;
+mod sweep;
 mod tracking;
 
 pub use config::LoamConfig;

@@ -7,8 +7,8 @@ const WEAK_SHARE: f64 = 0.4;
 const WEAK_RESIDUAL: f64 = 0.06;
 /// Features with map around them before a match can be bad.
 const LEAST_IN_VIEW: usize = 60;
-/// Frames in a row with fewer, for whatever reason, after which dead reckoning is called a loss.
-const BLIND_FRAMES: u32 = 10;
+/// Frames in a row with fewer after which dead reckoning is called a loss: where the scan has features, and where it has none.
+const BLIND_FRAMES: [u32; 2] = [5, 10];
 /// Bad frames in a row that are a loss, good ones that end it, and lost ones after which the map is begun anew.
 const LOST_FRAMES: u32 = 3;
 const FOUND_FRAMES: u32 = 5;
@@ -47,13 +47,15 @@ impl Monitor {
         let share = report.used as f64 / report.in_view.max(1) as f64;
         let seen = report.in_view >= LEAST_IN_VIEW;
         let bad = !possible || (seen && (share < WEAK_SHARE || report.residual > WEAK_RESIDUAL));
+        let has_features = report.selected >= LEAST_IN_VIEW;
         if self.lost {
             // Without features there is nothing to lay a new map from.
-            return self.while_lost(bad, seen, report.selected >= LEAST_IN_VIEW);
+            return self.while_lost(bad, seen, has_features);
         }
-        self.weak = if bad { self.weak + 1 } else { 0 };
-        self.blind = if seen { 0 } else { self.blind + 1 };
-        if self.weak < LOST_FRAMES && self.blind < BLIND_FRAMES {
+        // Only a match that fits ends a row: what fits nothing is now bad, now unseen.
+        (self.weak, self.blind) =
+            if seen && !bad { (0, 0) } else { (self.weak + u32::from(bad), self.blind + 1) };
+        if self.weak < LOST_FRAMES && self.blind < BLIND_FRAMES[usize::from(!has_features)] {
             return if bad { Verdict::Doubtful } else { Verdict::Good };
         }
         *self = Self { lost: true, ..Self::default() };
@@ -107,10 +109,10 @@ mod tests {
     }
 
     #[test]
-    fn new_ground_without_a_map_is_no_bad_match_but_a_second_of_it_is_a_loss() {
+    fn new_ground_without_a_map_is_no_bad_match_but_half_a_second_of_it_is_a_loss() {
         let mut monitor = Monitor::default();
         let new_ground = Report { selected: 1000, in_view: 20, ..Report::default() };
-        assert!((1..BLIND_FRAMES).all(|_| monitor.judge(&new_ground, true) == Verdict::Good));
+        assert!((1..BLIND_FRAMES[0]).all(|_| monitor.judge(&new_ground, true) == Verdict::Good));
         assert_eq!(monitor.judge(&new_ground, true), Verdict::JustLost);
     }
 

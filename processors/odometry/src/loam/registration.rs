@@ -1,7 +1,6 @@
 //! Iterative pose optimisation: scan to map, point to line and point to plane (paper, section III).
 
-use evac_geometry::nalgebra::{Isometry3, SVector, UnitQuaternion, Vector3};
-use evac_geometry::{exp_so3, log_so3};
+use evac_geometry::nalgebra::{Isometry3, SVector};
 
 use super::centroid_map::CentroidMap;
 use super::config::LoamConfig;
@@ -9,6 +8,7 @@ use super::features::{Feature, Features};
 use super::filter::{Filter, POSITION, PoseError, PoseInformation, ROTATION, STATES};
 use super::observability::{Degeneracy, remap};
 use super::shape::Shape;
+use super::sweep::{Path, Sweep};
 
 /// Points of one scan are not independent: each says so many times less than its noise promises.
 const INFLATION: f64 = 10.0;
@@ -31,46 +31,6 @@ const CONVERGED: f64 = 1e-4;
 const SURFACE_REACH: i64 = 1;
 const EDGE_REACH: i64 = 2;
 
-/// Where the LiDAR's points of a frame are: fixed (deskewed), or moving along with the pose that is sought.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sweep {
-    /// `map_from_imu` at the end of the frame before.
-    pub(crate) from: Isometry3<f64>,
-    /// Time from there to this frame's start and end, nanoseconds.
-    pub(crate) start_ns: i64,
-    pub(crate) end_ns: i64,
-    /// Points are already in the frame at the end.
-    pub(crate) deskewed: bool,
-}
-
-/// Takes points to the map along a straight and even motion (paper, section III.B, linear interpolation).
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Path {
-    sweep: Sweep,
-    to_position: Vector3<f64>,
-    to_rotation: UnitQuaternion<f64>,
-    arc: Vector3<f64>,
-}
-
-impl Path {
-    pub(crate) fn new(sweep: &Sweep, (position, rotation): (Vector3<f64>, UnitQuaternion<f64>)) -> Self {
-        let arc = log_so3(&(sweep.from.rotation.inverse() * rotation));
-        Self { sweep: *sweep, to_position: position, to_rotation: rotation, arc }
-    }
-
-    /// Share of the way that is done when the point is measured, and the point's offset from the IMU and place in the map.
-    pub(crate) fn place(&self, in_imu: &Vector3<f64>, offset_ns: i64) -> (f64, Vector3<f64>, Vector3<f64>) {
-        if self.sweep.deskewed {
-            let arm = self.to_rotation * in_imu;
-            return (1.0, arm, self.to_position + arm);
-        }
-        let whole = self.sweep.end_ns.max(1) as f64;
-        let share = ((self.sweep.start_ns + offset_ns) as f64 / whole).clamp(0.0, 1.0);
-        let arm = self.sweep.from.rotation * (exp_so3(&(self.arc * share)) * in_imu);
-        (share, arm, self.sweep.from.translation.vector.lerp(&self.to_position, share) + arm)
-    }
-}
-
 /// What the match found.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Report {
@@ -86,6 +46,16 @@ pub(crate) struct Report {
     pub(crate) degeneracy: Degeneracy,
     /// Correction of the prior.
     pub(crate) correction: SVector<f64, STATES>,
+}
+
+impl Report {
+    /// The match is not believed: it observed nothing and corrects nothing.
+    pub(crate) fn refuse(&mut self) {
+        self.used = 0;
+        self.information.fill(0.0);
+        self.correction.fill(0.0);
+        self.degeneracy = Degeneracy::nothing_observed();
+    }
 }
 
 /// The match with its buffers, allocated once.
@@ -229,6 +199,8 @@ impl Registration {
 
 #[cfg(test)]
 mod tests {
+    use evac_geometry::nalgebra::Vector3;
+
     use super::*;
 
     /// Surface features and map of a room of 6 x 4 x 3 m seen from its middle.

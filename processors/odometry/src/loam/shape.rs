@@ -2,7 +2,7 @@
 
 use evac_geometry::nalgebra::{Matrix3, Vector3};
 
-use super::centroid_map::NEIGHBOURS;
+use super::nearest::NEIGHBOURS;
 
 /// The eigenvalue that stands out does so by this factor (paper: 3).
 const DISTINCT: f64 = 3.0;

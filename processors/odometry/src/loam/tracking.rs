@@ -9,11 +9,12 @@ use super::filter::{Filter, POSITION, ROTATION, STATES, VELOCITY};
 use super::monitor::{Monitor, Verdict};
 use super::motion::Span;
 use super::observability::Degeneracy;
-use super::registration::{Path, Report, Sweep};
+use super::registration::Report;
 use super::report::{Drift, Quality, pose_frame};
 use super::settling::{Scratch, Settling};
 use super::stage::Loam;
 use super::start::upright;
+use super::sweep::{Path, Sweep};
 
 /// Nominal time between frames, seconds; the limits below hold for it and grow with longer ones.
 const FRAME_S: f64 = 0.1;
@@ -64,10 +65,11 @@ impl Loam {
             Some(settling) => {
                 if !possible {
                     filter = predicted;
+                    report.refuse();
                 }
                 self.settle(&mut filter, settling, &sweep, &report)
             }
-            None => self.judge(&mut filter, &predicted, &report, possible, &sweep),
+            None => self.judge(&mut filter, &predicted, &mut report, possible, &sweep),
         };
         if inertial && tracking == TrackingState::Tracking && filter.velocity != Vector3::zeros() {
             filter.learn_biases(&report.correction, span.h);
@@ -88,9 +90,8 @@ impl Loam {
         if tracking == TrackingState::Initialising {
             return self.last_pose(input, tracking);
         }
-        let lost = tracking == TrackingState::Lost;
         let quality = Quality {
-            degeneracy: if lost { Degeneracy::nothing_observed() } else { report.degeneracy },
+            degeneracy: report.degeneracy,
             share: report.used as f64 / report.selected.max(1) as f64,
             tracking,
             levelled: self.levelled,
@@ -117,47 +118,34 @@ impl Loam {
         &mut self,
         filter: &mut Filter,
         predicted: &Filter,
-        report: &Report,
+        report: &mut Report,
         possible: bool,
         sweep: &Sweep,
     ) -> TrackingState {
-        let degenerate = report.degeneracy.count > 0;
         let verdict = self.monitor.judge(report, possible);
-        self.diagnostics.refused_matches += u64::from(verdict != Verdict::Good);
-        match verdict {
-            Verdict::Good => {
-                if !possible {
-                    *filter = *predicted;
-                }
-                self.map_scan(filter, sweep);
-                if degenerate { TrackingState::Degenerate } else { TrackingState::Tracking }
-            }
-            Verdict::Doubtful => {
-                *filter = *predicted;
-                TrackingState::Degenerate
-            }
-            Verdict::JustLost => {
-                self.diagnostics.losses += 1;
-                *filter = *predicted;
-                loosen(filter);
-                TrackingState::Lost
-            }
-            Verdict::Lost => {
-                *filter = *predicted;
-                loosen(filter);
-                TrackingState::Lost
-            }
-            Verdict::Searching => TrackingState::Lost,
-            Verdict::Restart => {
-                self.diagnostics.map_restarts += 1;
-                *filter = *predicted;
-                loosen(filter);
-                self.clear_map();
-                self.settling = Some(Settling::after_loss());
-                self.map_scan(filter, sweep);
-                TrackingState::Lost
-            }
+        if verdict == Verdict::Good {
+            self.map_scan(filter, sweep);
+            let degenerate = report.degeneracy.count > 0;
+            return if degenerate { TrackingState::Degenerate } else { TrackingState::Tracking };
         }
+        self.diagnostics.refused_matches += 1;
+        if verdict == Verdict::Searching {
+            return TrackingState::Lost;
+        }
+        *filter = *predicted;
+        report.refuse();
+        if verdict == Verdict::Doubtful {
+            return TrackingState::Degenerate;
+        }
+        loosen(filter);
+        self.diagnostics.losses += u64::from(verdict == Verdict::JustLost);
+        if verdict == Verdict::Restart {
+            self.diagnostics.map_restarts += 1;
+            self.clear_map();
+            self.settling = Some(Settling::after_loss());
+            self.map_scan(filter, sweep);
+        }
+        TrackingState::Lost
     }
 
     /// One frame of scan-to-scan tracking.
