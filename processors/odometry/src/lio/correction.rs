@@ -1,9 +1,10 @@
 //! The iterated update (design section 5.6). Neither the prior covariance nor the information is ever inverted: a
 //! direction that no plane observes gets no correction.
 
-use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::degeneracy::Degeneracy;
+use super::deskew::Twist;
 use super::matching::{Known, Match, Search, Selected, associate, pose_row};
 use super::sections::{PoseCovariance, SectionId, Sections};
 use super::state::{Covariance, DIM, Error, MEASURED, State, at};
@@ -17,6 +18,8 @@ const CAUCHY_SQUARED: f64 = 4.0;
 const PLANE_FLOOR: f64 = 0.003;
 /// An older section must have one match in so many to be returned to.
 const ANCHOR_SHARE: usize = 3;
+/// The present section must have one match in so many for its residuals to count.
+const RESIDUAL_SHARE: usize = 10;
 /// Iterations after the last association.
 const REFINEMENTS: usize = 2;
 
@@ -71,14 +74,14 @@ impl Report {
     }
 }
 
-/// Corrects state and covariance by the match of `selected` with what is known. `rate` is the angular velocity at the scan's
+/// Corrects state and covariance by the match of `selected` with what is known. `twist` is the motion in the middle of the scan,
 /// end, which together with the velocity says how a time offset shows.
 pub(crate) fn correct(
     known: &Known<'_>,
     selected: &[Selected],
     state: &mut State,
     covariance: &mut Covariance,
-    rate: &Vector3<f64>,
+    twist: &Twist,
     gate: &Gate,
     matches: &mut Vec<Match>,
 ) -> Report {
@@ -100,10 +103,13 @@ pub(crate) fn correct(
             };
             report.in_view = associate(known, selected, &here, &search, matches);
         }
-        let information = accumulate(matches, &here, rate, known.sections);
+        let information = accumulate(matches, &here, twist, known.sections);
         report.anchor = information.anchor;
         report.used = matches.len();
-        report.residual = (information.squares / information.here.max(1) as f64).sqrt();
+        // A handful of points says nothing about how well the whole fits.
+        let says_much = information.here * RESIDUAL_SHARE >= matches.len();
+        report.residual =
+            if says_much { (information.squares / information.here.max(1) as f64).sqrt() } else { 0.0 };
         report.position_information =
             information.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
         let lu = (SMatrix::identity() + information.matrix * p_measured).lu();
@@ -123,11 +129,11 @@ pub(crate) fn correct(
 }
 
 /// Sums the matches. Each section's sum is scaled down by the uncertainty of its place against the present one.
-fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>, sections: &Sections) -> Information {
+fn accumulate(matches: &[Match], state: &State, twist: &Twist, sections: &Sections) -> Information {
     let mut total = Information::default();
     for section in matches.chunk_by(|a, b| a.section == b.section) {
         let Some(id) = section.first().map(|matched| matched.section) else { continue };
-        let mut sum = sum_of(section, state, rate);
+        let mut sum = sum_of(section, state, twist);
         if id < sections.current() && sum.observes_position() && section.len() * ANCHOR_SHARE > matches.len()
         {
             total.anchor = total.anchor.or(Some(id));
@@ -145,7 +151,7 @@ fn accumulate(matches: &[Match], state: &State, rate: &Vector3<f64>, sections: &
 }
 
 /// Sums the matches with one section. Each cell's sum is scaled down by the error its points share: the plane's own.
-fn sum_of(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Information {
+fn sum_of(matches: &[Match], state: &State, twist: &Twist) -> Information {
     let rotation = state.rotation.to_rotation_matrix();
     let mut total = Information::default();
     for cell in matches.chunk_by(|a, b| a.cell == b.cell) {
@@ -158,7 +164,7 @@ fn sum_of(matches: &[Match], state: &State, rate: &Vector3<f64>) -> Information 
             let weight = 1.0 / (INFLATION * m.point_variance * (1.0 + squared / CAUCHY_SQUARED));
             let normal_in_imu = rotation.inverse_transform_vector(&m.normal);
             let pose = pose_row(&normal_in_imu, &m.normal, &m.point);
-            let by_offset = -(m.normal.dot(&state.velocity) + normal_in_imu.dot(&rate.cross(&m.point)));
+            let by_offset = -(m.normal.dot(&twist.velocity) + normal_in_imu.dot(&twist.rate.cross(&m.point)));
             let h = SVector::<f64, MEASURED>::from([
                 pose[0], pose[1], pose[2], pose[3], pose[4], pose[5], by_offset,
             ]);
@@ -205,7 +211,7 @@ fn nis(d: &Error, p_measured: &SMatrix<f64, MEASURED, MEASURED>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use evac_geometry::nalgebra::Isometry3;
+    use evac_geometry::nalgebra::{Isometry3, Vector3};
 
     use super::super::matching::select;
     use super::super::plane_map::PlaneMap;
@@ -237,7 +243,7 @@ mod tests {
             &selected,
             &mut state,
             &mut covariance,
-            &Vector3::zeros(),
+            &Twist::default(),
             &gate,
             &mut matches,
         );

@@ -1,7 +1,7 @@
 //! Brings the points of a scan that came as measured to the frame's end (design section 5.3, paper Eq. 6).
 
 use evac_geometry::exp_so3;
-use evac_geometry::nalgebra::{Isometry3, Point3, Translation3, Vector3};
+use evac_geometry::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::propagation::TracePoint;
 use super::state::State;
@@ -37,5 +37,41 @@ impl<'a> Deskew<'a> {
             at.state.rotation * exp_so3(&(at.rate * h)),
         );
         (self.lidar_from_map * (map_from_imu * (self.imu_from_lidar * Point3::from(*point)))).coords
+    }
+}
+
+/// A motion: what the rig's points do.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Twist {
+    /// Of the place where the IMU is at the scan's end, map frame, m/s.
+    pub(crate) velocity: Vector3<f64>,
+    /// Angular velocity in the IMU frame at the scan's end, rad/s.
+    pub(crate) rate: Vector3<f64>,
+}
+
+/// Where the IMU was in the middle of a scan, whose points lie around that time: what a match says is true of then, and is the end's
+/// only by way of the IMU.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Middle {
+    /// `imu_at_middle_from_imu_at_end` rotation.
+    pub(crate) from_end: UnitQuaternion<f64>,
+    pub(crate) twist: Twist,
+}
+
+impl Middle {
+    /// The motion at `stamp_ns` by the IMU's clock on the way of `trace` to `end`.
+    pub(crate) fn of(trace: &[TracePoint], end: &State, stamp_ns: i64) -> Self {
+        let after = trace.partition_point(|at| at.stamp_ns <= stamp_ns);
+        let Some(at) = trace.get(after.saturating_sub(1)) else {
+            let twist = Twist { velocity: end.velocity, rate: Vector3::zeros() };
+            return Self { from_end: UnitQuaternion::identity(), twist };
+        };
+        let h = (stamp_ns - at.stamp_ns) as f64 * 1e-9;
+        let rotation = at.state.rotation * exp_so3(&(at.rate * h));
+        let from_end = rotation.inverse() * end.rotation;
+        let rate = from_end.inverse() * at.rate;
+        let way = end.position - (at.state.position + at.state.velocity * h);
+        let velocity = at.state.velocity + (end.rotation * rate).cross(&way);
+        Self { from_end, twist: Twist { velocity, rate } }
     }
 }

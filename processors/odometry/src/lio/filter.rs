@@ -23,6 +23,12 @@ const LOST_POSITION: f64 = 0.15;
 const LOST_LIMIT: f64 = 3.0;
 /// Velocity of whoever carries the rig, m/s (standard deviation).
 const CARRIED_VELOCITY: f64 = 1.0;
+/// A velocity less certain than this is held to that one, m/s.
+const UNCERTAIN_VELOCITY: f64 = 0.5;
+/// Random walk of the time offset, s per sqrt(s): for ever, at the start, and how long that lasts.
+const OFFSET_WALK: f64 = 1e-4;
+const OFFSET_WALK_AT_START: f64 = 3e-3;
+const OFFSET_SETTLES_S: f64 = 10.0;
 /// Uncertainty of a map that is begun anew after a loss against the one before, m and rad.
 const RESTART_POSITION: f64 = 1.0;
 const RESTART_ROTATION: f64 = 0.1;
@@ -42,6 +48,7 @@ pub(crate) struct Filter {
     pub(crate) state: State,
     pub(crate) covariance: Covariance,
     pub(crate) stamp_ns: i64,
+    started_ns: i64,
     /// Mean angular velocity of the last frame, IMU frame, for when the IMU is silent.
     pub(crate) rate: Vector3<f64>,
     pub(crate) monitor: Monitor,
@@ -51,6 +58,8 @@ pub(crate) struct Filter {
     pub(crate) settling: Option<Settling>,
     /// Frames in which the pose still comes back to an older section of the map: a step then is no surprise.
     pub(crate) returning: u32,
+    /// Good scans that were not mapped because the clocks' offset was not known.
+    pub(crate) withheld: u32,
     /// Parts of the map and how they lie to the one that the covariance is relative to.
     pub(crate) sections: Sections,
 }
@@ -65,12 +74,14 @@ impl Filter {
             state: start.state,
             covariance,
             stamp_ns,
+            started_ns: stamp_ns,
             rate: Vector3::zeros(),
             monitor: Monitor::default(),
             degeneracy: Degeneracy::default(),
             frame: 0,
             settling: (!start.standing).then_some(Settling::at_start()),
             returning: 0,
+            withheld: 0,
             sections,
         }
     }
@@ -110,8 +121,7 @@ impl Filter {
 
     /// Largest standard deviation of the position within the present section, metres.
     pub(crate) fn position_sigma(&self) -> f64 {
-        let position = self.covariance.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
-        position.symmetric_eigenvalues().max().max(0.0).sqrt()
+        self.largest_sigma(at::POSITION)
     }
 
     /// Takes a time offset that was found elsewhere.
@@ -132,6 +142,36 @@ impl Filter {
         if self.state.accel_bias.norm() > MAX_ACCEL_BIAS {
             self.state.accel_bias = Vector3::zeros();
         }
+    }
+
+    /// Random walk of the time offset, s per sqrt(s): clocks hardly drift, but while the first motions are still badly modelled the
+    /// filter becomes too sure of a wrong one. While a direction rests on the IMU the offset does not show.
+    pub(crate) fn offset_walk(&self) -> f64 {
+        let seconds = (self.stamp_ns - self.started_ns) as f64 * 1e-9;
+        let at_start = OFFSET_WALK_AT_START * (-seconds / OFFSET_SETTLES_S).exp();
+        if self.degeneracy.count > 0 { 0.0 } else { OFFSET_WALK + at_start }
+    }
+
+    /// Whoever carries the rig walks: says so where the velocity has become uncertain, which also levels a pose that lost its tilt.
+    pub(crate) fn hold_velocity(&mut self) {
+        if self.largest_sigma(at::VELOCITY) > UNCERTAIN_VELOCITY {
+            self.expect_velocity(CARRIED_VELOCITY);
+        }
+    }
+
+    /// Largest standard deviation of the rotation, rad.
+    pub(crate) fn rotation_sigma(&self) -> f64 {
+        self.largest_sigma(at::ROTATION)
+    }
+
+    fn largest_sigma(&self, index: usize) -> f64 {
+        self.covariance
+            .fixed_view::<3, 3>(index, index)
+            .into_owned()
+            .symmetric_eigenvalues()
+            .max()
+            .max(0.0)
+            .sqrt()
     }
 
     /// Zero-velocity update of a rig at rest: before a blank wall nothing else keeps it from gliding along.

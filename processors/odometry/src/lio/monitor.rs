@@ -18,6 +18,10 @@ const LOST_RESIDUAL: f64 = 2.0;
 /// From one scan to the next at most a quarter of the view is new: a share of this times the usual one is no change of view.
 const SUDDEN_SHARE: f64 = 0.15;
 const WEAK_FRAMES: u32 = 3;
+/// What stands before the sensor is nearer than so much of what is usually seen.
+const NEAR_SHARE: f64 = 0.6;
+/// Longest time that the IMU alone is gone by.
+const BLOCKED_FRAMES: u32 = 50;
 /// Share of the selected points that must see planes before a bad match counts.
 const VIEW_SHARE: f64 = 0.3;
 /// Signs of a recovery.
@@ -34,6 +38,8 @@ pub(crate) enum Verdict {
     Good,
     /// Use what little there is of it, but do not map it.
     Doubtful,
+    /// Something hides the view: go by the IMU alone.
+    Blocked,
     /// The match has just been lost.
     JustLost,
     /// Still lost.
@@ -51,6 +57,8 @@ pub(crate) struct Expected {
     pub(crate) returning: bool,
     /// Scans are missing before this one: it may see what none has seen.
     pub(crate) after_gap: bool,
+    /// Mean range of the scan's points, metres.
+    pub(crate) range_m: f64,
 }
 
 /// Memory of the frames before.
@@ -59,7 +67,10 @@ pub(crate) struct Monitor {
     nis: f64,
     /// Mean share of the selected points that good frames use.
     usual_share: f64,
+    /// Mean range of good frames, metres.
+    usual_range_m: f64,
     weak: u32,
+    frames_blocked: u32,
     lost: bool,
     frames_lost: u32,
     frames_found: u32,
@@ -111,23 +122,37 @@ impl Monitor {
         }
         let sudden =
             !expected.after_gap && report.selected > 100 && used_share < SUDDEN_SHARE * self.usual_share;
+        // Something stands before the sensor: nothing says that the pose is wrong.
+        let blocked = sudden
+            && expected.range_m < NEAR_SHARE * self.usual_range_m
+            && self.frames_blocked < BLOCKED_FRAMES;
+        self.frames_blocked = if blocked { self.frames_blocked + 1 } else { 0 };
+        if blocked && possible {
+            return Verdict::Blocked;
+        }
         let weak = sudden || viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
         if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
-            *self = Self { lost: true, usual_share: self.usual_share, ..Self::default() };
+            *self = Self { lost: true, ..self.usual() };
             return Verdict::JustLost;
         }
         if weak {
             return Verdict::Doubtful;
         }
         self.usual_share += FALL * (used_share - self.usual_share);
+        self.usual_range_m += FALL * (expected.range_m - self.usual_range_m);
         Verdict::Good
+    }
+
+    /// What is remembered beyond a loss.
+    fn usual(&self) -> Self {
+        Self { usual_share: self.usual_share, usual_range_m: self.usual_range_m, ..Self::default() }
     }
 
     fn while_lost(&mut self, good: bool) -> Verdict {
         self.frames_found = if good { self.frames_found + 1 } else { 0 };
         if self.frames_found >= FOUND_FRAMES {
-            *self = Self { usual_share: self.usual_share, ..Self::default() };
+            *self = self.usual();
             return Verdict::Good;
         }
         if self.frames_lost >= RESTART_FRAMES {

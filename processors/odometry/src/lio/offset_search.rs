@@ -6,7 +6,7 @@
 //! both agree is the one.
 
 use evac_geometry::log_so3;
-use evac_geometry::nalgebra::{UnitQuaternion, Vector3};
+use evac_geometry::nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Offsets tried: -120 to 120 ms in steps of 4 ms.
 const STEP_NS: i64 = 4_000_000;
@@ -16,8 +16,9 @@ const CANDIDATES: usize = 2 * HALF_STEPS as usize + 1;
 const MAX_READINGS: usize = 1024;
 /// Rotations waiting for the gyroscope's readings of the time after them.
 const MAX_WAITING: usize = 16;
-/// Rotations before a decision, and after which there is none.
-const MIN_ROTATIONS: u32 = 12;
+/// Rotations before a change, before the search ends, and after which it ends without a result.
+const MIN_ROTATIONS: u32 = 6;
+const ENOUGH_ROTATIONS: u32 = 12;
 const MAX_ROTATIONS: u32 = 100;
 /// Standard deviation of the offset at which it is believed, seconds.
 const BELIEVED_S: f64 = 0.002;
@@ -27,8 +28,10 @@ const MIN_CHANGE_S: f64 = 0.008;
 const MIN_ROTATION_ERROR: f64 = 1e-3;
 /// Smaller rotations from scan to scan say nothing, rad.
 const MIN_TURN: f64 = 4e-3;
+/// Differences may be smaller than their variances say, those stay cautious: squared, down to this.
+const MIN_EXCESS: f64 = 0.25;
 /// Corrections before the search gives up.
-const MAX_ROUNDS: u32 = 4;
+const MAX_ROUNDS: u32 = 8;
 
 /// What a rotation led to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,13 +51,24 @@ pub(crate) struct OffsetSearch {
     turned: Vec<(i64, Vector3<f64>)>,
     rate: Vector3<f64>,
     waiting: Vec<Rotation>,
-    /// Rotation of the IMU at the last scan's end, and that time.
-    last: Option<(i64, UnitQuaternion<f64>)>,
-    /// Sum of squared differences of each offset.
+    /// Rotation of the IMU at the last scan.
+    last: Option<Attitude>,
+    /// Sum of squared differences of each offset, in units of their variance.
     costs: [f64; CANDIDATES],
     rotations: u32,
     rounds: u32,
     over: bool,
+}
+
+/// How the LiDAR alone sees the IMU stand in the middle of a scan: its points were brought to the scan's end by an IMU that may have
+/// the wrong time, which spoils the end, but to first order not the middle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Attitude {
+    /// Middle of the scan by the LiDAR's clock.
+    pub(crate) stamp_ns: i64,
+    pub(crate) map_from_imu: UnitQuaternion<f64>,
+    /// Covariance of its error, IMU frame, rad^2: a scan may show two axes well and the third not at all.
+    pub(crate) covariance: Matrix3<f64>,
 }
 
 /// What the LiDAR turned by between two times of its own clock, IMU frame.
@@ -63,6 +77,20 @@ struct Rotation {
     start_ns: i64,
     end_ns: i64,
     turn: Vector3<f64>,
+    /// Inverse of the turn's covariance.
+    weight: Matrix3<f64>,
+}
+
+impl Rotation {
+    fn between(before: &Attitude, after: &Attitude) -> Option<Self> {
+        let turned = before.map_from_imu.inverse() * after.map_from_imu;
+        let back = turned.inverse().to_rotation_matrix();
+        let covariance = after.covariance
+            + back.matrix() * before.covariance * back.matrix().transpose()
+            + Matrix3::identity() * MIN_ROTATION_ERROR.powi(2);
+        let weight = covariance.try_inverse()?;
+        Some(Self { start_ns: before.stamp_ns, end_ns: after.stamp_ns, turn: log_so3(&turned), weight })
+    }
 }
 
 impl OffsetSearch {
@@ -114,19 +142,12 @@ impl OffsetSearch {
         self.begin_round();
     }
 
-    /// Takes the rotation `map_from_imu` that the LiDAR alone gave at the end of a scan; `assumed_s` is the offset
-    /// that is believed now.
-    pub(crate) fn push_rotation(
-        &mut self,
-        end_ns: i64,
-        map_from_imu: UnitQuaternion<f64>,
-        assumed_s: f64,
-    ) -> Found {
-        if let Some((start_ns, before)) = self.last.replace((end_ns, map_from_imu))
+    /// Takes what the LiDAR alone said about a scan; `assumed_s` is the offset that is believed now.
+    pub(crate) fn push_attitude(&mut self, attitude: Attitude, assumed_s: f64) -> Found {
+        if let Some(before) = self.last.replace(attitude)
             && self.waiting.len() < MAX_WAITING
         {
-            let turn = log_so3(&(before.inverse() * map_from_imu));
-            self.waiting.push(Rotation { start_ns, end_ns, turn });
+            self.waiting.extend(Rotation::between(&before, &attitude));
         }
         let newest_ns = self.turned.last().map_or(i64::MIN, |(stamp_ns, _)| *stamp_ns);
         while let Some(rotation) = self.waiting.first().copied()
@@ -150,7 +171,8 @@ impl OffsetSearch {
             else {
                 return;
             };
-            *cost = (rotation.turn - (to - from)).norm_squared();
+            let difference = rotation.turn - (to - from);
+            *cost = difference.dot(&(rotation.weight * difference));
         }
         self.rotations += 1;
         self.costs.iter_mut().zip(costs).for_each(|(sum, cost)| *sum += cost);
@@ -161,19 +183,18 @@ impl OffsetSearch {
             return Found::Searching;
         }
         let best = (0..CANDIDATES).min_by(|a, b| self.costs[*a].total_cmp(&self.costs[*b])).unwrap_or(0);
-        let believed = self.minimum(best).filter(|(_, sigma_s)| *sigma_s < BELIEVED_S);
-        let Some((offset_s, sigma_s)) = believed else {
-            self.over = self.rotations >= MAX_ROTATIONS;
-            return if self.over { Found::Settled } else { Found::Searching };
-        };
-        if (offset_s - assumed_s).abs() < MIN_CHANGE_S.max(4.0 * sigma_s) || self.rounds >= MAX_ROUNDS {
-            self.over = true;
-            return Found::Settled;
+        if let Some((offset_s, sigma_s)) = self.minimum(best) {
+            let is_wrong = (offset_s - assumed_s).abs() > MIN_CHANGE_S.max(4.0 * sigma_s);
+            if is_wrong && self.rounds < MAX_ROUNDS {
+                // Scans were deskewed with the wrong offset, which blurs the rotations: once more with the new one.
+                self.rounds += 1;
+                self.begin_round();
+                return Found::Changed(offset_s);
+            }
+            self.over = self.rotations >= ENOUGH_ROTATIONS && sigma_s < BELIEVED_S;
         }
-        // Scans were deskewed with the wrong offset, which blurs the rotations: once more with the new one.
-        self.rounds += 1;
-        self.begin_round();
-        Found::Changed(offset_s)
+        self.over |= self.rotations >= MAX_ROTATIONS;
+        if self.over { Found::Settled } else { Found::Searching }
     }
 
     fn begin_round(&mut self) {
@@ -194,8 +215,9 @@ impl OffsetSearch {
             return None;
         }
         let shift_s = (before - after) / (2.0 * curvature * step_s);
-        let variance = (here / (3.0 * f64::from(self.rotations))).max(MIN_ROTATION_ERROR.powi(2));
-        Some((offset_ns(best) as f64 * 1e-9 + shift_s, (2.0 * variance / curvature).sqrt()))
+        // Differences of another size than their variances say that those are wrong.
+        let excess = (here / (3.0 * f64::from(self.rotations))).max(MIN_EXCESS);
+        Some((offset_ns(best) as f64 * 1e-9 + shift_s, (2.0 * excess / curvature).sqrt()))
     }
 
     /// Integral of the angular velocity at a stamp of the IMU.
@@ -235,8 +257,12 @@ mod tests {
                 search.push_rate(stamp_ns, Vector3::new(0.0, 0.0, rate_at(true_s).1));
                 next_imu += 1;
             }
-            let rotation = exp_so3(&Vector3::new(0.0, 0.0, rate_at(end_s).0));
-            match search.push_rotation(frame * 100_000_000, rotation, 0.0) {
+            let attitude = Attitude {
+                stamp_ns: frame * 100_000_000,
+                map_from_imu: exp_so3(&Vector3::new(0.0, 0.0, rate_at(end_s).0)),
+                covariance: Matrix3::identity() * 1e-7,
+            };
+            match search.push_attitude(attitude, 0.0) {
                 Found::Searching => {}
                 found => return (found, frame as u32),
             }

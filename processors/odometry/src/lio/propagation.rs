@@ -1,7 +1,7 @@
 //! Propagation of state and covariance by the IMU (design section 5.2), with gaps (5.8).
 
 use evac_geometry::nalgebra::{Matrix3, SMatrix, Vector3};
-use evac_geometry::{exp_so3, skew};
+use evac_geometry::{exp_so3, log_so3, skew};
 
 use super::config::LioConfig;
 use super::imu::{Reading, between};
@@ -17,9 +17,18 @@ const HOLD_NS: i64 = 30_000_000;
 const HELD_GYRO_NOISE: f64 = 0.03;
 /// As above for a rig that has been at rest for a while.
 const RESTING_GYRO_NOISE: f64 = 0.002;
-/// Rotation rate and acceleration of a walking carrier that a gap may hide, rad/s and m/s^2 (standard deviations).
+/// Longest gap across which readings are interpolated, seconds; beyond it a walker has swung to and fro meanwhile.
+const INTERPOLATED_S: f64 = 0.1;
+/// Rotation rate and acceleration of a walking carrier that a short gap may hide, rad/s and m/s^2 (standard deviations).
 const HIDDEN_RATE: f64 = 0.5;
 const HIDDEN_ACCEL: f64 = 2.0;
+/// What a long one hides, as white noise: rad^2/s and m^2/s^3. 2 degrees and 15 cm/s in a tenth of a second.
+const BLIND_ROTATION: f64 = 0.01;
+const BLIND_VELOCITY: f64 = 0.2;
+/// Time in which a walker's rate of rotation is forgotten, seconds: it swings twice a second.
+const RATE_MEMORY_S: f64 = 0.07;
+/// Pieces in which a long gap is gone through.
+const PIECE_NS: i64 = 20_000_000;
 
 /// Noise of the loose mode after a loss (design section 4: never diverges).
 const LOOSE_GYRO_NOISE: f64 = 0.01;
@@ -34,11 +43,13 @@ pub(crate) struct Noise {
     accel: f64,
     gyro_walk: f64,
     accel_walk: f64,
+    offset_walk: f64,
 }
 
 impl Noise {
-    /// Configured noise with its variance times `factor`, or the loose mode's.
-    pub(crate) fn new(config: &LioConfig, factor: f64, loose: bool, at_rest: bool) -> Self {
+    /// Configured noise with its variance times `factor`, or the loose mode's; `offset_walk` is the random walk of the time offset,
+    /// s per sqrt(s).
+    pub(crate) fn new(config: &LioConfig, factor: f64, loose: bool, at_rest: bool, offset_walk: f64) -> Self {
         let scale = factor.sqrt();
         let floor = if loose { (LOOSE_GYRO_NOISE, LOOSE_ACCEL_NOISE) } else { (0.0, 0.0) };
         Self {
@@ -47,6 +58,7 @@ impl Noise {
             accel: (config.accel_noise_m_s2 * scale).max(floor.1),
             gyro_walk: config.gyro_bias_walk,
             accel_walk: config.accel_bias_walk,
+            offset_walk,
         }
     }
 }
@@ -60,9 +72,27 @@ pub(crate) struct TracePoint {
     pub(crate) rate: Vector3<f64>,
 }
 
-/// Propagates from `from_ns` to `to_ns` (IMU stamps) through `readings`; returns how many gaps were bridged.
+impl TracePoint {
+    /// The way from `before` to `end` in `seconds`, up to `end_ns`, steady: as far as two scans show it.
+    pub(crate) fn on_the_way(before: &State, end: &State, end_ns: i64, seconds: f64) -> Self {
+        let velocity = (end.position - before.position) / seconds;
+        let rate = log_so3(&(before.rotation.inverse() * end.rotation)) / seconds;
+        Self { stamp_ns: end_ns - (seconds * 1e9) as i64, state: State { velocity, ..*before }, rate }
+    }
+}
+
+/// Gaps between readings that a propagation bridged.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct Bridged {
+    pub(crate) gaps: u64,
+    /// Length of all of them.
+    pub(crate) blind_ns: i64,
+}
+
+/// Propagates from `from_ns` to `to_ns` (IMU stamps) through `readings`.
 ///
-/// Before the first and after the last reading the motion is continued: rate `idle_rate` and no acceleration.
+/// Where there are none the velocity goes on, and of the rotation what a walker keeps of it; `idle_rate` is that of the last frame, for
+/// when there are no readings at all.
 pub(crate) fn propagate(
     state: &mut State,
     covariance: &mut Covariance,
@@ -71,62 +101,112 @@ pub(crate) fn propagate(
     idle_rate: &Vector3<f64>,
     noise: &Noise,
     trace: &mut Vec<TracePoint>,
-) -> u64 {
+) -> Bridged {
     trace.clear();
-    let mut gaps = 0;
-    let mut now_ns = from_ns;
-    let mut advance = |state: &mut State, a: &Reading, b: &Reading, gap: bool| {
-        let h = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9;
-        if h <= 0.0 {
-            return;
-        }
-        if trace.len() < trace.capacity() {
-            let rate = if a.held { Vector3::zeros() } else { state.rate_of(&a.gyro) };
-            trace.push(TracePoint { stamp_ns: a.stamp_ns, state: *state, rate });
-        }
-        step(state, covariance, a, b, h, noise);
-        if gap {
-            gaps += 1;
-            add_variance(covariance, at::ROTATION, (HIDDEN_RATE.max(a.gyro.norm()) * h).powi(2) / 12.0);
-            add_variance(covariance, at::VELOCITY, (HIDDEN_ACCEL * h).powi(2) / 12.0);
-            add_variance(covariance, at::POSITION, (HIDDEN_ACCEL * h * h).powi(2) / 48.0);
-        }
-    };
-
+    let mut way = Way { state, covariance, noise, trace, now_ns: from_ns, bridged: Bridged::default() };
+    if let Some(first) = readings.first() {
+        way.go_blindly(None, Some(first), first.stamp_ns.min(to_ns), idle_rate);
+    }
     for pair in readings.windows(2) {
         let [a, b] = pair else { continue };
-        if b.stamp_ns <= now_ns {
+        if b.stamp_ns <= way.now_ns {
             continue;
         }
         if a.stamp_ns >= to_ns {
             break;
         }
-        if a.stamp_ns > now_ns {
-            let (from, to) = idle(state, idle_rate, now_ns, a.stamp_ns);
-            advance(state, &from, &to, a.stamp_ns - now_ns > (GAP_S * 1e9) as i64);
-            now_ns = a.stamp_ns;
-        }
         let end_ns = b.stamp_ns.min(to_ns);
-        let gap = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9 > GAP_S;
-        advance(state, &between(a, b, now_ns), &between(a, b, end_ns), gap);
-        now_ns = end_ns;
+        let apart_s = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9;
+        if apart_s > INTERPOLATED_S {
+            way.go_blindly(Some(a), Some(b), end_ns, idle_rate);
+            continue;
+        }
+        let (from, to) = (between(a, b, way.now_ns), between(a, b, end_ns));
+        way.advance(&from, &to);
+        if apart_s > GAP_S {
+            way.hide((end_ns - from.stamp_ns) as f64 * 1e-9, &from);
+        }
     }
+    let last = readings.last();
     // A clock offset asks for a little more than there is: the last reading holds on for so long.
-    if let Some(last) = readings.last()
-        && now_ns < to_ns
+    if let Some(last) = last
+        && way.now_ns < to_ns
         && to_ns - last.stamp_ns <= HOLD_NS
     {
-        advance(state, &Reading { stamp_ns: now_ns, ..*last }, &Reading { stamp_ns: to_ns, ..*last }, false);
-        now_ns = to_ns;
+        let (from, to) = (Reading { stamp_ns: way.now_ns, ..*last }, Reading { stamp_ns: to_ns, ..*last });
+        way.advance(&from, &to);
     }
-    while now_ns < to_ns {
-        // In pieces, so that a long wait without IMU grows like the motion it stands for.
-        let end_ns = to_ns.min(now_ns + 100_000_000);
-        let (from, to) = idle(state, idle_rate, now_ns, end_ns);
-        advance(state, &from, &to, end_ns - now_ns > (GAP_S * 1e9) as i64);
-        now_ns = end_ns;
+    way.go_blindly(last, None, to_ns, idle_rate);
+    way.bridged
+}
+
+/// A propagation on its way.
+struct Way<'a> {
+    state: &'a mut State,
+    covariance: &'a mut Covariance,
+    noise: &'a Noise,
+    trace: &'a mut Vec<TracePoint>,
+    now_ns: i64,
+    bridged: Bridged,
+}
+
+impl Way<'_> {
+    /// One step from reading to reading.
+    fn advance(&mut self, a: &Reading, b: &Reading) {
+        let h = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9;
+        if h <= 0.0 {
+            return;
+        }
+        if self.trace.len() < self.trace.capacity() {
+            let rate = if a.held { Vector3::zeros() } else { self.state.rate_of(&a.gyro) };
+            self.trace.push(TracePoint { stamp_ns: a.stamp_ns, state: *self.state, rate });
+        }
+        step(self.state, self.covariance, a, b, h, self.noise);
+        self.now_ns = b.stamp_ns;
     }
-    gaps
+
+    /// Adds what a short gap of `h` seconds from reading `a` on hides.
+    fn hide(&mut self, h: f64, a: &Reading) {
+        self.bridged.gaps += 1;
+        self.bridged.blind_ns += (h * 1e9) as i64;
+        add_variance(self.covariance, at::ROTATION, (HIDDEN_RATE.max(a.gyro.norm()) * h).powi(2) / 12.0);
+        add_variance(self.covariance, at::VELOCITY, (HIDDEN_ACCEL * h).powi(2) / 12.0);
+        add_variance(self.covariance, at::POSITION, (HIDDEN_ACCEL * h * h).powi(2) / 48.0);
+    }
+
+    /// Goes on to `to_ns` without readings between `before` and `after`.
+    fn go_blindly(
+        &mut self,
+        before: Option<&Reading>,
+        after: Option<&Reading>,
+        to_ns: i64,
+        idle_rate: &Vector3<f64>,
+    ) {
+        let length_ns = to_ns - self.now_ns;
+        if length_ns <= 0 {
+            return;
+        }
+        self.bridged.gaps += 1;
+        self.bridged.blind_ns += length_ns;
+        let kept = |reading: &Reading, stamp_ns: i64| {
+            (-(reading.stamp_ns - stamp_ns).abs() as f64 * 1e-9 / RATE_MEMORY_S).exp()
+        };
+        while self.now_ns < to_ns {
+            let end_ns = to_ns.min(self.now_ns + PIECE_NS);
+            let middle_ns = self.now_ns + (end_ns - self.now_ns) / 2;
+            let sides = [before, after].into_iter().flatten();
+            let rate = if before.is_none() && after.is_none() {
+                *idle_rate / 2.0
+            } else {
+                sides.map(|side| self.state.rate_of(&side.gyro) * kept(side, middle_ns)).sum()
+            };
+            let (from, to) = idle(self.state, &rate, self.now_ns, end_ns);
+            self.advance(&from, &to);
+            let h = (end_ns - from.stamp_ns) as f64 * 1e-9;
+            add_variance(self.covariance, at::ROTATION, BLIND_ROTATION * h);
+            add_variance(self.covariance, at::VELOCITY, BLIND_VELOCITY * h);
+        }
+    }
 }
 
 /// Readings of an IMU that keeps its velocity and turns at `rate`.
@@ -191,6 +271,7 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     add_variance(covariance, at::VELOCITY, noise.accel.powi(2) * NOISE_PERIOD_S * h);
     add_variance(covariance, at::GYRO_BIAS, noise.gyro_walk.powi(2) * h);
     add_variance(covariance, at::ACCEL_BIAS, noise.accel_walk.powi(2) * h);
+    covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] += noise.offset_walk.powi(2) * h;
 
     state.position += state.velocity * h + accel * (h * h / 2.0);
     state.velocity += accel * h;
@@ -199,7 +280,7 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
 
 #[cfg(test)]
 mod tests {
-    use evac_geometry::{STANDARD_GRAVITY, log_so3};
+    use evac_geometry::STANDARD_GRAVITY;
 
     use super::super::state::Error;
 
@@ -211,12 +292,12 @@ mod tests {
 
     fn run(state: &mut State, readings: &[Reading]) -> (Covariance, u64) {
         let mut covariance = Covariance::zeros();
-        let noise = Noise::new(&LioConfig::default(), 1.0, false, false);
+        let noise = Noise::new(&LioConfig::default(), 1.0, false, false, 0.0);
         let rate = Vector3::zeros();
         let mut trace = Vec::with_capacity(512);
         let span = (0, 1_000_000_000);
         let gaps = propagate(state, &mut covariance, readings, span, &rate, &noise, &mut trace);
-        (covariance, gaps)
+        (covariance, gaps.gaps)
     }
 
     #[test]
@@ -246,7 +327,7 @@ mod tests {
         let mut state = State::at_origin();
         state.velocity = Vector3::new(1.0, 0.0, 0.0);
         let (blind, gaps) = run(&mut state, &[]);
-        assert_eq!(gaps, 10);
+        assert_eq!(gaps, 1);
         assert!((state.position - Vector3::new(1.0, 0.0, 0.0)).norm() < 1e-9);
         let mut other = State::at_origin();
         let up = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
@@ -280,7 +361,14 @@ mod tests {
         let up = in_motion().rotation.inverse() * Vector3::new(0.5, 0.2, STANDARD_GRAVITY + 0.3);
         let readings = readings(Vector3::new(0.2, -0.3, 1.4), up, false);
         let readings = &readings[..3];
-        let silent = Noise { gyro: 0.0, held_gyro: 0.0, accel: 0.0, gyro_walk: 0.0, accel_walk: 0.0 };
+        let silent = Noise {
+            gyro: 0.0,
+            held_gyro: 0.0,
+            accel: 0.0,
+            gyro_walk: 0.0,
+            accel_walk: 0.0,
+            offset_walk: 0.0,
+        };
         let moved = |d: &Error, covariance: &mut Covariance| {
             let mut state = in_motion();
             // Gravity is perturbed without the norm that `plus` holds it to.
