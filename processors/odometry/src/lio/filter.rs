@@ -12,7 +12,7 @@ use super::monitor::Monitor;
 use super::report::{lidar_covariance, pose_frame};
 use super::sections::{PoseCovariance, Sections};
 use super::settling::Settling;
-use super::state::{Covariance, DIM, State, add_variance, at};
+use super::state::{Covariance, DIM, MOVING, State, add_variance, at};
 
 /// What each frame of a loss adds to the uncertainty: rotation (1 degree), velocity (m/s), position (m). The motion is then free
 /// to follow the match alone.
@@ -37,6 +37,8 @@ const REST_VELOCITY: f64 = 0.01;
 /// Blur of a map that is begun in motion, rad and m.
 const MOVING_ROTATION: f64 = 1e-3;
 const MOVING_POSITION: f64 = 5e-3;
+/// Error of its velocity beyond what the scans show, m/s.
+const SETTLED_VELOCITY: f64 = 0.05;
 /// Uncertainty of a time offset that the coarse search found, seconds.
 const FOUND_TIME_OFFSET: f64 = 0.004;
 /// An accelerometer bias beyond this is a false one, m/s^2.
@@ -49,6 +51,8 @@ pub(crate) struct Filter {
     pub(crate) covariance: Covariance,
     pub(crate) stamp_ns: i64,
     started_ns: i64,
+    /// What was known at the start.
+    at_start: (State, Covariance),
     /// Mean angular velocity of the last frame, IMU frame, for when the IMU is silent.
     pub(crate) rate: Vector3<f64>,
     pub(crate) monitor: Monitor,
@@ -72,6 +76,7 @@ impl Filter {
         add_misalignment(&mut covariance, &start.state, config.misalignment_sigma_deg.to_radians());
         Self {
             state: start.state,
+            at_start: (start.state, covariance),
             covariance,
             stamp_ns,
             started_ns: stamp_ns,
@@ -124,12 +129,26 @@ impl Filter {
         self.largest_sigma(at::POSITION)
     }
 
-    /// Takes a time offset that was found elsewhere.
+    /// Takes a time offset that was found elsewhere. All but the pose was learnt with the wrong one.
     pub(crate) fn set_time_offset(&mut self, offset_s: f64) {
+        self.forget();
         self.state.time_offset_s = offset_s;
-        self.covariance.row_mut(at::TIME_OFFSET).fill(0.0);
-        self.covariance.column_mut(at::TIME_OFFSET).fill(0.0);
         self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = FOUND_TIME_OFFSET.powi(2);
+        add_variance(&mut self.covariance, at::VELOCITY, CARRIED_VELOCITY.powi(2));
+        self.loosen();
+    }
+
+    /// Goes back to what was known of sensors and gravity at the start; pose and velocity stay, but nothing is known of how good
+    /// they are.
+    fn forget(&mut self) {
+        let State { rotation, position, velocity, .. } = self.state;
+        let (state, covariance) = self.at_start;
+        self.state = State { rotation, position, velocity, ..state };
+        self.covariance = covariance;
+        for index in (0..MOVING).filter(|index| *index != at::TIME_OFFSET) {
+            self.covariance.row_mut(index).fill(0.0);
+            self.covariance.column_mut(index).fill(0.0);
+        }
     }
 
     /// Takes back what no carrier does: too fast a motion since `before`, too large a bias.
@@ -154,9 +173,14 @@ impl Filter {
 
     /// Whoever carries the rig walks: says so where the velocity has become uncertain, which also levels a pose that lost its tilt.
     pub(crate) fn hold_velocity(&mut self) {
-        if self.largest_sigma(at::VELOCITY) > UNCERTAIN_VELOCITY {
+        if self.velocity_sigma() > UNCERTAIN_VELOCITY {
             self.expect_velocity(CARRIED_VELOCITY);
         }
+    }
+
+    /// Largest standard deviation of the velocity, m/s.
+    pub(crate) fn velocity_sigma(&self) -> f64 {
+        self.largest_sigma(at::VELOCITY)
     }
 
     /// Largest standard deviation of the rotation, rad.
@@ -165,13 +189,8 @@ impl Filter {
     }
 
     fn largest_sigma(&self, index: usize) -> f64 {
-        self.covariance
-            .fixed_view::<3, 3>(index, index)
-            .into_owned()
-            .symmetric_eigenvalues()
-            .max()
-            .max(0.0)
-            .sqrt()
+        let block = self.covariance.fixed_view::<3, 3>(index, index).into_owned();
+        block.symmetric_eigenvalues().max().max(0.0).sqrt()
     }
 
     /// Zero-velocity update of a rig at rest: before a blank wall nothing else keeps it from gliding along.
@@ -204,6 +223,12 @@ impl Filter {
             block.copy_from(new_from_old.to_rotation_matrix().matrix());
         }
         self.sections.clear();
+        let velocity = self.covariance.fixed_view::<3, 3>(at::VELOCITY, at::VELOCITY).into_owned();
+        let gravity = self.state.gravity;
+        self.forget();
+        self.state.gravity = gravity;
+        self.covariance.fixed_view_mut::<3, 3>(at::VELOCITY, at::VELOCITY).copy_from(&velocity);
+        add_variance(&mut self.covariance, at::VELOCITY, SETTLED_VELOCITY.powi(2));
         // The pose is exact by definition now, up to the blur of the scans that the map begins with.
         for index in at::ROTATION..at::TIME_OFFSET {
             turn[(index, index)] = 0.0;

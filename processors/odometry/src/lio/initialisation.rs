@@ -10,7 +10,7 @@ use super::state::{Covariance, State, add_variance, at};
 /// Prior of the accelerometer's bias across gravity, which a standstill cannot tell from tilt, m/s^2.
 const ACCEL_BIAS: f64 = 0.05;
 /// Standard deviation of the mean acceleration of a start in motion, m/s^2, and of its velocity, m/s.
-const MOVING_ACCEL: f64 = 0.3;
+const MOVING_ACCEL: f64 = 0.05;
 const MOVING_SPEED: f64 = 1.0;
 /// The detector measures in blocks of 0.1 s.
 const TOLERANCE_S: f64 = 0.05;
@@ -66,14 +66,16 @@ impl Initialiser {
         up.try_normalize(1e-3).map_or(imu_from_lidar.rotation.inverse(), |up| upright(&up, imu_from_lidar))
     }
 
-    /// The start, once it can be made.
+    /// The start, once it can be made; the IMU of a rig that `glides` steadily looks like one at rest.
     pub(crate) fn start(
         &self,
         detector: &StandstillDetector,
+        glides: bool,
         config: &LioConfig,
         imu_from_lidar: &Isometry3<f64>,
     ) -> Option<Start> {
-        if detector.state() == MotionState::Still
+        if !glides
+            && detector.state() == MotionState::Still
             && let Some(standstill) = detector.standstill()
             && (standstill.end_ns - standstill.start_ns) as f64 * 1e-9 > config.standstill_s - TOLERANCE_S
         {
@@ -200,7 +202,7 @@ mod tests {
             detector.push(&sample);
         }
         initialiser.take(&[], 2.0);
-        initialiser.start(&detector, &LioConfig::default(), rig).unwrap()
+        initialiser.start(&detector, false, &LioConfig::default(), rig).unwrap()
     }
 
     #[test]

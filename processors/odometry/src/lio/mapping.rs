@@ -21,7 +21,7 @@ const MAX_STEP_S: f64 = 0.25;
 const RETURNING_FRAMES: u32 = 3;
 /// Most scans that are not mapped while the clocks' offset is searched for, and the share of a scan that must see the
 /// standstill's map meanwhile.
-const MAX_WITHHELD: u32 = 60;
+const MAX_WITHHELD: u32 = 45;
 const STANDSTILL_SHARE: f64 = 0.8;
 /// A scan of which so much sees known ground ...
 const KNOWN_SHARE: f64 = 0.5;
@@ -85,7 +85,7 @@ impl Lio {
     fn map_scan(&mut self, filter: &mut Filter, report: &Report) {
         let view = report.in_view as f64 / report.selected.max(1) as f64;
         // While the clocks' offset is not known scans may be smeared: the standstill's map stays as it is while it is seen.
-        if !self.offset_search.is_over() && filter.withheld < MAX_WITHHELD && view > STANDSTILL_SHARE {
+        if !self.offset_search.is_plausible() && filter.withheld < MAX_WITHHELD && view > STANDSTILL_SHARE {
             filter.withheld += 1;
             return;
         }

@@ -1,6 +1,6 @@
 //! The stage `lio`: see [`Lio`].
 //!
-//! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`]); then [`tracking`] carries the
+//! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`], [`glide`]); then [`tracking`] carries the
 //! [`filter`] on by the IMU ([`imu`], [`propagation`]), brings points to the frame's end where that was not done ([`deskew`]), matches
 //! them with planes ([`matching`], [`plane_map`], [`cell`]), corrects ([`correction`]), says what was not observed
 //! ([`degeneracy`]), judges and maps ([`mapping`], [`monitor`], [`settling`], [`sections`]), and reports ([`report`]). The offset between the
@@ -9,21 +9,13 @@
 //! Mathematics: iterated error-state Kalman filter after Xu et al. 2022 (FAST-LIO2), voxel planes with their uncertainty
 //! after Yuan et al. 2022 (VoxelMap), in the information form of [`correction`] that inverts neither prior nor information.
 
-#[allow(unused_macros, missing_docs)]
-macro_rules! tune {
-    ($name:literal, $default:expr) => {{
-        static V: std::sync::OnceLock<f64> = std::sync::OnceLock::new();
-        *V.get_or_init(|| std::env::var($name).ok().and_then(|v| v.parse().ok()).unwrap_or($default))
-    }};
-}
-#[allow(unused_imports)]
-pub(crate) use tune;
 mod cell;
 mod config;
 mod correction;
 mod degeneracy;
 mod deskew;
 mod filter;
+mod glide;
 mod imu;
 mod initialisation;
 mod mapping;

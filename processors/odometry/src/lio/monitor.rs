@@ -15,10 +15,14 @@ const MAX_FACTOR: f64 = 400.0;
 const LOST_NIS: f64 = 5.0;
 const LOST_SHARE: f64 = 0.1;
 const LOST_RESIDUAL: f64 = 2.0;
-/// From one scan to the next at most a quarter of the view is new: a share of this times the usual one is no change of view.
+/// From one scan to the next at most a quarter of the view is new: a share of this times the last one is no change of view.
 const SUDDEN_SHARE: f64 = 0.15;
 const WEAK_FRAMES: u32 = 3;
-/// What stands before the sensor is nearer than so much of what is usually seen.
+/// ... if the last one was at least this.
+const SEEN_SHARE: f64 = 0.5;
+/// What stands before the sensor takes away all but so much of what was seen before it ...
+const BLOCKED_SHARE: f64 = 0.4;
+/// ... and is nearer than so much of what is usually seen.
 const NEAR_SHARE: f64 = 0.6;
 /// Longest time that the IMU alone is gone by.
 const BLOCKED_FRAMES: u32 = 50;
@@ -67,6 +71,8 @@ pub(crate) struct Monitor {
     nis: f64,
     /// Mean share of the selected points that good frames use.
     usual_share: f64,
+    /// The same share of the last good frame.
+    recent_share: f64,
     /// Mean range of good frames, metres.
     usual_range_m: f64,
     weak: u32,
@@ -120,16 +126,15 @@ impl Monitor {
                 viewed && found && report.residual < FOUND_RESIDUAL && possible && !expected.degenerate,
             );
         }
-        let sudden =
-            !expected.after_gap && report.selected > 100 && used_share < SUDDEN_SHARE * self.usual_share;
         // Something stands before the sensor: nothing says that the pose is wrong.
-        let blocked = sudden
-            && expected.range_m < NEAR_SHARE * self.usual_range_m
-            && self.frames_blocked < BLOCKED_FRAMES;
-        self.frames_blocked = if blocked { self.frames_blocked + 1 } else { 0 };
-        if blocked && possible {
+        let fall = if self.recent_share > SEEN_SHARE { used_share / self.recent_share } else { 1.0 };
+        let is_near = expected.range_m < NEAR_SHARE * self.usual_range_m;
+        if possible && is_near && fall < BLOCKED_SHARE && self.frames_blocked < BLOCKED_FRAMES {
+            self.frames_blocked += 1;
             return Verdict::Blocked;
         }
+        let unblocked = std::mem::take(&mut self.frames_blocked) > 0;
+        let sudden = !expected.after_gap && !unblocked && report.selected > 100 && fall < SUDDEN_SHARE;
         let weak = sudden || viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
         if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
@@ -139,6 +144,7 @@ impl Monitor {
         if weak {
             return Verdict::Doubtful;
         }
+        self.recent_share = used_share;
         self.usual_share += FALL * (used_share - self.usual_share);
         self.usual_range_m += FALL * (expected.range_m - self.usual_range_m);
         Verdict::Good

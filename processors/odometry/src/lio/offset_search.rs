@@ -22,8 +22,15 @@ const ENOUGH_ROTATIONS: u32 = 12;
 const MAX_ROTATIONS: u32 = 100;
 /// Standard deviation of the offset at which it is believed, seconds.
 const BELIEVED_S: f64 = 0.002;
+/// ... and at which agreement with what is believed is no accident.
+const PLAUSIBLE_S: f64 = 0.01;
 /// Smallest change that is worth disturbing the filter for, seconds.
-const MIN_CHANGE_S: f64 = 0.008;
+const MIN_CHANGE_S: f64 = 0.006;
+/// ... and what it must be in standard deviations.
+const CHANGE_SIGMAS: f64 = 3.0;
+/// How much smaller one change is than the one before it, for it to be one of a series.
+const MIN_SHRINKAGE: f64 = 1.2;
+const MAX_SHRINKAGE: f64 = 20.0;
 /// Error of a rotation from scan to scan that the match does not know of, rad.
 const MIN_ROTATION_ERROR: f64 = 1e-3;
 /// Smaller rotations from scan to scan say nothing, rad.
@@ -58,6 +65,9 @@ pub(crate) struct OffsetSearch {
     rotations: u32,
     rounds: u32,
     over: bool,
+    plausible: bool,
+    /// The offset that was assumed in the last round, and how much that was changed, seconds.
+    last_change: Option<(f64, f64)>,
 }
 
 /// How the LiDAR alone sees the IMU stand in the middle of a scan: its points were brought to the scan's end by an IMU that may have
@@ -104,6 +114,8 @@ impl OffsetSearch {
             rotations: 0,
             rounds: 0,
             over: false,
+            plausible: false,
+            last_change: None,
         }
     }
 
@@ -129,6 +141,11 @@ impl OffsetSearch {
         self.rate = rate;
     }
 
+    /// Whether the offset that is believed now may well be right, or there is nothing more to search for.
+    pub(crate) fn is_plausible(&self) -> bool {
+        self.over || self.plausible
+    }
+
     /// Forgets the last scan: the next one does not follow it.
     pub(crate) fn interrupt(&mut self) {
         self.last = None;
@@ -139,11 +156,13 @@ impl OffsetSearch {
         self.turned.clear();
         self.over = false;
         self.rounds = 0;
+        self.last_change = None;
         self.begin_round();
     }
 
-    /// Takes what the LiDAR alone said about a scan; `assumed_s` is the offset that is believed now.
-    pub(crate) fn push_attitude(&mut self, attitude: Attitude, assumed_s: f64) -> Found {
+    /// Takes what the LiDAR alone said about a scan; `assumed_s` is the offset that is believed now, and whether the scan
+    /// `fits` the map with it.
+    pub(crate) fn push_attitude(&mut self, attitude: Attitude, assumed_s: f64, fits: bool) -> Found {
         if let Some(before) = self.last.replace(attitude)
             && self.waiting.len() < MAX_WAITING
         {
@@ -156,7 +175,7 @@ impl OffsetSearch {
             self.waiting.remove(0);
             self.compare(&rotation);
         }
-        self.decide(assumed_s)
+        self.decide(assumed_s, fits)
     }
 
     fn compare(&mut self, rotation: &Rotation) {
@@ -178,23 +197,40 @@ impl OffsetSearch {
         self.costs.iter_mut().zip(costs).for_each(|(sum, cost)| *sum += cost);
     }
 
-    fn decide(&mut self, assumed_s: f64) -> Found {
+    fn decide(&mut self, assumed_s: f64, fits: bool) -> Found {
         if self.rotations < MIN_ROTATIONS {
             return Found::Searching;
         }
         let best = (0..CANDIDATES).min_by(|a, b| self.costs[*a].total_cmp(&self.costs[*b])).unwrap_or(0);
         if let Some((offset_s, sigma_s)) = self.minimum(best) {
-            let is_wrong = (offset_s - assumed_s).abs() > MIN_CHANGE_S.max(4.0 * sigma_s);
+            let change_s = offset_s - assumed_s;
+            let is_wrong = change_s.abs() > MIN_CHANGE_S.max(CHANGE_SIGMAS * sigma_s);
             if is_wrong && self.rounds < MAX_ROUNDS {
                 // Scans were deskewed with the wrong offset, which blurs the rotations: once more with the new one.
+                let next_s = self.extrapolated(assumed_s, change_s);
                 self.rounds += 1;
                 self.begin_round();
-                return Found::Changed(offset_s);
+                self.last_change = Some((assumed_s, change_s));
+                return Found::Changed(next_s);
             }
-            self.over = self.rotations >= ENOUGH_ROTATIONS && sigma_s < BELIEVED_S;
+            self.plausible = sigma_s < PLAUSIBLE_S;
+            self.over = fits && self.rotations >= ENOUGH_ROTATIONS && sigma_s < BELIEVED_S;
         }
         self.over |= self.rotations >= MAX_ROTATIONS;
         if self.over { Found::Settled } else { Found::Searching }
+    }
+
+    /// Rotations of scans that were deskewed with a wrong offset say too little of the change: where two changes in a row go
+    /// the same way, on to where none would be left.
+    fn extrapolated(&self, assumed_s: f64, change_s: f64) -> f64 {
+        let plain_s = assumed_s + change_s;
+        let Some((before_s, changed_s)) = self.last_change else { return plain_s };
+        let shrinkage = changed_s / change_s;
+        if !(MIN_SHRINKAGE..MAX_SHRINKAGE).contains(&shrinkage) {
+            return plain_s;
+        }
+        let limit_s = (STEP_NS * HALF_STEPS) as f64 * 1e-9;
+        (before_s + changed_s * (assumed_s - before_s) / (changed_s - change_s)).clamp(-limit_s, limit_s)
     }
 
     fn begin_round(&mut self) {
@@ -202,6 +238,7 @@ impl OffsetSearch {
         self.last = None;
         self.costs = [0.0; CANDIDATES];
         self.rotations = 0;
+        self.plausible = false;
     }
 
     /// Minimum of the parabola through the best offset and its neighbours, seconds, with its standard deviation; `None` at
@@ -262,7 +299,7 @@ mod tests {
                 map_from_imu: exp_so3(&Vector3::new(0.0, 0.0, rate_at(end_s).0)),
                 covariance: Matrix3::identity() * 1e-7,
             };
-            match search.push_attitude(attitude, 0.0) {
+            match search.push_attitude(attitude, 0.0, true) {
                 Found::Searching => {}
                 found => return (found, frame as u32),
             }

@@ -4,7 +4,7 @@
 use evac_frames::FrameHeader;
 use evac_geometry::nalgebra::{Matrix3, UnitQuaternion};
 
-use super::correction::{Gate, correct};
+use super::correction::{Gate, Report, correct};
 use super::deskew::Middle;
 use super::filter::Filter;
 use super::matching::Known;
@@ -14,7 +14,9 @@ use super::state::{Covariance, State, add_variance, at};
 use super::tracking::middle_ns;
 
 /// Added to the gates of the associations, metres.
-const GATE: &[f64] = &[0.1, 0.03];
+const GATE: &[f64] = &[0.2, 0.06];
+/// A scan fits the map if the filter can use so much of what it sees.
+const FITTING_SHARE: f64 = 0.6;
 /// What the scout is not told by the IMU, rad and m.
 const FREE_ROTATION: f64 = 0.035;
 const FREE_POSITION: f64 = 0.1;
@@ -76,13 +78,20 @@ impl Lio {
     }
 
     /// Compares what the LiDAR turned by with the gyroscope; a filter that has followed a wrong clock takes the scout's pose.
-    pub(crate) fn search_offset(&mut self, filter: &mut Filter, scout: &Scout, frame: &FrameHeader) {
+    pub(crate) fn search_offset(
+        &mut self,
+        filter: &mut Filter,
+        scout: &Scout,
+        report: &Report,
+        frame: &FrameHeader,
+    ) {
+        let fits = report.used as f64 > FITTING_SHARE * report.in_view as f64;
         let attitude = Attitude {
             stamp_ns: middle_ns(frame),
             map_from_imu: scout.at_middle,
             covariance: scout.rotation,
         };
-        let found = self.offset_search.push_attitude(attitude, filter.state.time_offset_s);
+        let found = self.offset_search.push_attitude(attitude, filter.state.time_offset_s, fits);
         let astray = (scout.state.position - filter.state.position).norm() > ASTRAY_POSITION
             || scout.state.rotation.angle_to(&filter.state.rotation) > ASTRAY_ROTATION;
         if scout.is_sure() && (astray || matches!(found, Found::Changed(_))) {

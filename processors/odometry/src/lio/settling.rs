@@ -8,6 +8,9 @@ use super::state::{add_variance, at};
 const FRAMES: u32 = 15;
 /// The map of these frames is smeared by a velocity that their deskewing did not know; it is used for so many only.
 const REFRESH: u32 = 5;
+/// Times that it goes on for so many frames more while the velocity is not known to this, m/s (standard deviation): 10 s.
+const MORE: u32 = 20;
+const KNOWN_VELOCITY: f64 = 0.2;
 /// Errors of velocity and rotation (m/s, rad) between two scans that are smeared differently.
 const SMEARED_VELOCITY: f64 = 0.5;
 const SMEARED_ROTATION: f64 = 0.01;
@@ -16,6 +19,8 @@ const SMEARED_ROTATION: f64 = 0.01;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Settling {
     frames_left: u32,
+    /// Times that it may go on while the velocity is not known.
+    frames_more: u32,
     /// The map frame is not yet fixed: it will be where the LiDAR is at the end.
     pub(crate) starting: bool,
 }
@@ -33,18 +38,24 @@ pub(crate) enum Scratch {
 
 impl Settling {
     pub(crate) fn at_start() -> Self {
-        Self { frames_left: FRAMES, starting: true }
+        Self { frames_left: FRAMES, frames_more: MORE, starting: true }
     }
 
     pub(crate) fn after_loss() -> Self {
-        Self { frames_left: FRAMES, starting: false }
+        Self { frames_left: FRAMES, frames_more: MORE, starting: false }
     }
 
     /// Counts a frame.
     pub(crate) fn step(self, filter: &mut Filter) -> Scratch {
-        if self.frames_left <= 1 {
+        let is_known = filter.degeneracy.count == 0 && filter.velocity_sigma() < KNOWN_VELOCITY;
+        if self.frames_left <= 1 && (is_known || self.frames_more == 0) {
             filter.settling = None;
             return Scratch::Done;
+        }
+        if self.frames_left <= 1 {
+            // Before a blank wall the velocity along it is not seen: a map laid now would be laid in the dark.
+            filter.settling = Some(Self { frames_left: REFRESH, frames_more: self.frames_more - 1, ..self });
+            return Scratch::Renew;
         }
         // A displacement between smeared scans is no measure of acceleration or rate: gravity and biases must not
         // follow it.

@@ -71,10 +71,12 @@ pub struct Lio {
     pub(crate) offset_search: OffsetSearch,
     initialiser: Initialiser,
     /// For the filter, which begins in the middle of a run where nothing may be allocated.
-    sections: Option<Sections>,
+    pub(crate) sections: Option<Sections>,
     /// `None` until the start.
     pub(crate) filter: Option<Filter>,
-    still: Vec<Vector3<f32>>,
+    pub(crate) still: Vec<Vector3<f32>>,
+    /// The IMU says that the rig stands, the LiDAR that it does not.
+    pub(crate) glides: bool,
     pub(crate) points: Vec<Vector3<f64>>,
     pub(crate) selected: Vec<Selected>,
     pub(crate) matches: Vec<Match>,
@@ -108,6 +110,7 @@ impl Stage for Lio {
             sections: Some(Sections::new()),
             filter: None,
             still: Vec::with_capacity(MAX_STILL_POINTS),
+            glides: false,
             points: Vec::with_capacity(MAX_POINTS),
             selected: Vec::with_capacity(MAX_SELECTED),
             matches: Vec::with_capacity(MAX_SELECTED),
@@ -203,7 +206,13 @@ impl Lio {
                 None => counters.rejected += 1,
             }
         }
-        match self.initialiser.start(&self.detector, &self.config, &self.imu_from_lidar) {
+        self.glides &= self.detector.state() == MotionState::Still;
+        match self.initialiser.start(&self.detector, self.glides, &self.config, &self.imu_from_lidar) {
+            Some(start) if start.standing && self.has_moved(input, &start) => {
+                self.glides = true;
+                self.still.clear();
+                self.last_pose(input)
+            }
             Some(start) => self.begin(input, &start),
             None => self.last_pose(input),
         }

@@ -7,7 +7,7 @@ use evac_stage::{Counters, ScanWithImu};
 
 use super::correction::{Gate, Report, correct};
 use super::degeneracy::Degeneracy;
-use super::deskew::{Deskew, Middle};
+use super::deskew::{Deskew, Middle, Twist};
 use super::filter::Filter;
 use super::imu::Reading;
 use super::initialisation::upright;
@@ -41,7 +41,11 @@ impl Lio {
         let before = (filter.state, filter.covariance);
         let is_led = self.predict(&mut filter, input);
         let predicted = (filter.state, filter.covariance);
-        let middle = self.middle(&filter, input);
+        let mut middle = self.middle(&filter, input);
+        if filter.settling.is_some() {
+            // Scans that are smeared by an unknown velocity say nothing about the clocks.
+            middle.twist = Twist::default();
+        }
         counters.rejected += self.take_points(&filter.state, filter.frame, input);
         let scout = self.scout(&filter, &middle);
         let mut report = self.correct(&mut filter, &middle, is_led);
@@ -65,7 +69,7 @@ impl Lio {
             None => self.judge(&mut filter, &report, &before.0, &predicted, gap_s),
         };
         if let Some(scout) = scout {
-            self.search_offset(&mut filter, &scout, &input.header.frame);
+            self.search_offset(&mut filter, &scout, &report, &input.header.frame);
         }
         filter.rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
         counters.degraded += u64::from(tracking == TrackingState::Lost);
@@ -129,7 +133,8 @@ impl Lio {
         filter.stamp_ns = end_ns;
         // A change of the time offset may ask for them again.
         self.track.forget_before(end_ns - MAX_TIME_OFFSET_NS);
-        if at_rest && !filter.is_loose() && filter.state.velocity.norm() < REST_SPEED {
+        let is_slow = filter.settling.is_some() && !self.glides || filter.state.velocity.norm() < REST_SPEED;
+        if at_rest && !filter.monitor.is_lost() && is_slow {
             filter.rest();
         }
         bridged.blind_ns * 2 > frame_ns
