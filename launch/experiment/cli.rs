@@ -70,6 +70,9 @@ pub(crate) struct Selection {
     /// Folder with recordings (simulated/corridor and so on) and the measured hall (real/livox_mid40_hall_map) [default: $EVAC_DATA, or ../shared/data]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
+    /// Series of the simulated walks: others have other buildings, noise, gaits and rigs of the same kinds; series 0 was tuned on
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u64).range(..1000))]
+    pub(crate) series: u64,
     /// Seed of what is random in the faults
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,

@@ -75,7 +75,7 @@ fn sources(selection: &Selection) -> Result<Vec<Source>, LaunchError> {
     let data = data_folder(selection.data.as_deref());
     let mut sources = recorded(&data);
     let none_recorded = sources.is_empty();
-    sources.extend(catalogue(&data));
+    sources.extend(catalogue(&data, selection.series));
     let names: Vec<_> = sources.iter().map(|source| source.name.clone()).collect();
     for part in &selection.only {
         if !names.iter().any(|name| name.contains(part.as_str())) {

@@ -92,8 +92,8 @@ pub fn recorded(data: &Path) -> Vec<Source> {
 }
 
 /// The simulated walks: the simulator's three built worlds, its catalogue, and rays cast into the measured hall where the folder of
-/// test data holds it.
-pub fn catalogue(data: &Path) -> Vec<Source> {
+/// test data holds it. A `series` above 0 has other buildings, noise, gaits and rigs, see [`evac_simulator::catalogue`].
+pub fn catalogue(data: &Path, series: u64) -> Vec<Source> {
     let rig = Rig {
         imu_from_lidar: ImuFromLidar {
             translation_m: [0.05, -0.02, 0.06],
@@ -106,12 +106,12 @@ pub fn catalogue(data: &Path) -> Vec<Source> {
         ("stairwell_23", Config { world: WorldKind::Stairwell, seed: 23, ..Config::default() }),
     ];
     let built = built.into_iter().map(|(name, config)| Source {
-        name: name.to_owned(),
+        name: if series > 0 { format!("{name}_s{series}") } else { name.to_owned() },
         group: Group::Boxes,
-        kind: Kind::Simulation(Box::new((config, rig))),
+        kind: Kind::Simulation(Box::new((Config { seed: config.seed + 100 * series, ..config }, rig))),
     });
-    let measured = evac_simulator::semi_real(&data.join("real/livox_mid40_hall_map"));
-    let drawn = evac_simulator::catalogue().into_iter().chain(measured).map(|walk| Source {
+    let measured = evac_simulator::semi_real(&data.join("real/livox_mid40_hall_map"), series);
+    let drawn = evac_simulator::catalogue(series).into_iter().chain(measured).map(|walk| Source {
         name: walk.name,
         group: if walk.group == evac_simulator::Group::Boxes { Group::Boxes } else { Group::Rough },
         kind: Kind::Simulation(Box::new((walk.config, walk.rig))),

@@ -31,6 +31,15 @@ pub struct CatalogueWalk {
     pub rig: Rig,
 }
 
+impl CatalogueWalk {
+    fn named_after(mut self, series: u64) -> Self {
+        if series > 0 {
+            self.name = format!("{}_s{series}", self.name);
+        }
+        self
+    }
+}
+
 /// One line of the table.
 struct Line {
     name: &'static str,
@@ -103,15 +112,44 @@ impl Line {
 }
 
 /// All walks through worlds that need no data, boxes first. Every walk begins with at least three seconds of standing.
-pub fn catalogue() -> Vec<CatalogueWalk> {
-    let boxes = boxes().into_iter().map(|line| line.walk(Group::Boxes));
-    let rough = rough().into_iter().map(|line| line.walk(Group::Rough));
-    boxes.chain(rough).collect()
+///
+/// A series above 0 has other buildings of the same kinds, other noise, and gaits and rigs in another order: walks that nothing was
+/// tuned on. Their names end with the series.
+pub fn catalogue(series: u64) -> Vec<CatalogueWalk> {
+    let boxes = in_series(boxes(), series).into_iter().map(|line| line.walk(Group::Boxes));
+    let rough = in_series(rough(), series).into_iter().map(|line| line.walk(Group::Rough));
+    boxes.chain(rough).map(|walk| walk.named_after(series)).collect()
 }
+
+fn in_series(lines: Vec<Line>, series: u64) -> Vec<Line> {
+    let count = lines.len();
+    let other = |index: usize, step: u64| &lines[(index + (step * series) as usize) % count];
+    let line = |(index, line): (usize, &Line)| {
+        let (moved, mounted) = (other(index, 1), other(index, 3));
+        Line {
+            building: line.building + BUILDINGS_A_SERIES * series,
+            seed: line.seed + SEEDS_A_SERIES * series,
+            gait: moved.gait,
+            speed: moved.speed,
+            turn: moved.turn,
+            zero: moved.zero,
+            turned: mounted.turned,
+            arm: mounted.arm,
+            ..*line
+        }
+    };
+    lines.iter().enumerate().map(line).collect()
+}
+
+/// No two series share a building or a seed.
+const BUILDINGS_A_SERIES: u64 = 20;
+const SEEDS_A_SERIES: u64 = 1000;
 
 /// Two walks with rays cast into the map of a long hall that a real Mid-40 measured (`corner.pcd` and `surf.pcd` of
 /// `livox_relocalization`), or none where the folder does not hold it.
-pub fn semi_real(cloud_folder: &Path) -> Vec<CatalogueWalk> {
+///
+/// A series above 0 has other noise, see [`catalogue`].
+pub fn semi_real(cloud_folder: &Path, series: u64) -> Vec<CatalogueWalk> {
     let clouds: Vec<PathBuf> = ["surf.pcd", "corner.pcd"].map(|name| cloud_folder.join(name)).into();
     if !clouds.iter().all(|path| path.is_file()) {
         return Vec::new();
@@ -137,7 +175,8 @@ pub fn semi_real(cloud_folder: &Path) -> Vec<CatalogueWalk> {
         let mut walk = line.walk(Group::SemiReal);
         walk.config.clouds.clone_from(&clouds);
         walk.config.way_points_m = way;
-        walk
+        walk.config.seed += SEEDS_A_SERIES * series;
+        walk.named_after(series)
     };
     lines.into_iter().map(walk).collect()
 }

@@ -35,8 +35,9 @@ impl Walked {
     }
 }
 
+/// Series 0 and the one that nothing was tuned on.
 fn all() -> Vec<Walked> {
-    catalogue().into_iter().map(Walked::new).collect()
+    [0, 1].into_iter().flat_map(catalogue).map(Walked::new).collect()
 }
 
 #[test]
@@ -111,20 +112,20 @@ fn walks_begin_with_three_seconds_of_standing_and_are_of_the_length_that_was_wan
         let way: f64 = places.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
         let seconds = walked.trajectory.duration_s();
         assert!(
-            (28.0..85.0).contains(&way) && (35.0..95.0).contains(&seconds),
+            (28.0..85.0).contains(&way) && (35.0..100.0).contains(&seconds),
             "{name}: {way} m, {seconds} s"
         );
     }
 }
 
 #[test]
-fn both_groups_have_ten_walks_with_their_own_names_seeds_and_half_of_them_zeroed_gyros() {
-    let walks = catalogue();
+fn both_groups_have_ten_walks_a_series_with_their_own_names_seeds_and_half_of_them_zeroed_gyros() {
+    let walks: Vec<_> = [0, 1].into_iter().flat_map(catalogue).collect();
     for group in [Group::Boxes, Group::Rough] {
         let of_group: Vec<&CatalogueWalk> = walks.iter().filter(|walk| walk.group == group).collect();
         let zeroed = of_group.iter().filter(|walk| walk.config.auto_zero).count();
-        assert!(of_group.len() >= 10, "{group:?}: {}", of_group.len());
-        assert!(zeroed.abs_diff(of_group.len() - zeroed) <= 1, "{group:?}: {zeroed} zeroed");
+        assert!(of_group.len() >= 20, "{group:?}: {}", of_group.len());
+        assert!(zeroed.abs_diff(of_group.len() - zeroed) <= 2, "{group:?}: {zeroed} zeroed");
     }
     let distinct = |key: fn(&CatalogueWalk) -> String| {
         walks.iter().map(key).collect::<std::collections::BTreeSet<_>>().len()
