@@ -162,6 +162,7 @@ impl Lio {
             self.detector.push(sample);
             self.offset_search.push_rate(sample.stamp_ns, sample.gyro.into());
         });
+        self.glides &= self.detector.state() == MotionState::Still;
         match &mut self.filter {
             None => self.wait(input, gap_s, counters),
             Some(filter) if new_clock => {
@@ -206,7 +207,6 @@ impl Lio {
                 None => counters.rejected += 1,
             }
         }
-        self.glides &= self.detector.state() == MotionState::Still;
         match self.initialiser.start(&self.detector, self.glides, &self.config, &self.imu_from_lidar) {
             Some(start) if start.standing && self.has_moved(input, &start) => {
                 self.glides = true;

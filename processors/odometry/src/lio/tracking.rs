@@ -133,8 +133,8 @@ impl Lio {
         filter.stamp_ns = end_ns;
         // A change of the time offset may ask for them again.
         self.track.forget_before(end_ns - MAX_TIME_OFFSET_NS);
-        let is_slow = filter.settling.is_some() && !self.glides || filter.state.velocity.norm() < REST_SPEED;
-        if at_rest && !filter.monitor.is_lost() && is_slow {
+        let is_slow = filter.settling.is_some() || filter.state.velocity.norm() < REST_SPEED;
+        if at_rest && is_slow && !self.glides && !filter.monitor.is_lost() {
             filter.rest();
         }
         bridged.blind_ns * 2 > frame_ns
