@@ -62,7 +62,7 @@ fn roughness_moves_the_surfaces_by_centimetres_and_nothing_else() {
 #[test]
 fn the_measured_hall_is_walked_through_where_its_map_is_at_hand() {
     let Some(folder) = evac_testkit::data("real/livox_mid40_hall_map") else { return };
-    let walks = semi_real(&folder);
+    let walks = semi_real(&folder, 0);
     assert_eq!(walks.len(), 2);
     let walk = &walks[0];
     assert_eq!(walk.group, Group::SemiReal);
@@ -71,5 +71,5 @@ fn the_measured_hall_is_walked_through_where_its_map_is_at_hand() {
     assert!(returns > 9000, "{returns} returns");
     let far = ranges(&first).filter(|range| *range > 20.0).count();
     assert!(far > 500, "{far} shots see farther than 20 m down the hall");
-    assert!(semi_real(&folder.join("nowhere")).is_empty());
+    assert!(semi_real(&folder.join("nowhere"), 0).is_empty());
 }

@@ -38,7 +38,7 @@ const REST_VELOCITY: f64 = 0.01;
 const MOVING_ROTATION: f64 = 1e-3;
 const MOVING_POSITION: f64 = 5e-3;
 /// Error of its velocity beyond what the scans show, m/s.
-const SETTLED_VELOCITY: f64 = 0.05;
+const SETTLED_VELOCITY: f64 = 0.1;
 /// Uncertainty of a time offset that the coarse search found, seconds.
 const FOUND_TIME_OFFSET: f64 = 0.004;
 /// An accelerometer bias beyond this is a false one, m/s^2.

@@ -213,6 +213,25 @@ mod tests {
     }
 
     #[test]
+    fn what_hides_the_view_at_once_and_near_is_waited_for_but_not_for_ever() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge = |used: usize, range_m: f64| {
+            let expected = Expected { range_m, ..Expected::default() };
+            monitor.judge(&report(used, 0.9, 0.05), expected, &standing(), &config)
+        };
+        for _ in 0..50 {
+            assert_eq!(judge(2300, 4.0), Verdict::Good);
+        }
+        for _ in 0..BLOCKED_FRAMES {
+            assert_eq!(judge(20, 0.5), Verdict::Blocked);
+        }
+        assert_ne!(judge(20, 0.5), Verdict::Blocked);
+        // As sudden, but as far away as ever: a match that fails.
+        assert_eq!(judge(2300, 4.0), Verdict::Good);
+        assert_eq!(judge(20, 4.0), Verdict::Doubtful);
+    }
+
+    #[test]
     fn the_noise_grows_with_surprise_but_not_from_a_blind_frame() {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
         monitor.judge(

@@ -323,6 +323,20 @@ mod tests {
     }
 
     #[test]
+    fn changes_that_shrink_are_gone_on_with_to_where_they_would_end() {
+        let mut search = OffsetSearch::new();
+        assert_eq!(search.extrapolated(0.0, 0.04), 0.04);
+        // Half of what is left each time: 40 of 80 ms, then 20 of 40.
+        search.last_change = Some((0.0, 0.04));
+        assert!((search.extrapolated(0.04, 0.02) - 0.08).abs() < 1e-12);
+        // A change back, or one as large as the last, begins anew; no offset beyond the search's range.
+        assert_eq!(search.extrapolated(0.04, -0.02), 0.02);
+        assert_eq!(search.extrapolated(0.04, 0.04), 0.08);
+        search.last_change = Some((0.0, 0.05));
+        assert!((search.extrapolated(0.05, 0.04) - 0.12).abs() < 1e-12);
+    }
+
+    #[test]
     fn a_steady_turn_says_nothing_about_the_offset() {
         let (found, frame) = search(0.05, 12.0, |time_s| (0.3 * time_s, 0.3));
         assert_eq!(found, Found::Settled);
