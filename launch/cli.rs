@@ -29,6 +29,11 @@ pub(crate) enum Command {
     /// trajectory.tum, cloud.pcd and summary.json.
     #[command(after_help = MAP_HELP)]
     Map(MapArgs),
+    /// Find from a walk with turns how the IMU sits, keeps time and reads beside the LiDAR
+    ///
+    /// Prints the offset between the clocks, the rotation of [rig.imu_from_lidar] and the gyroscope's scale, each with
+    /// its standard error, and says what the motion has not shown.
+    Calibrate(crate::calibrate::CalibrateArgs),
     /// Run a pipeline file until it ends or SIGTERM comes
     Up(UpArgs),
     /// Stop the pipeline that runs in a pipeline file's domain
@@ -63,7 +68,7 @@ const EVAL_HELP: &str = "Trajectories are TUM files, `seconds tx ty tz qx qy qz 
     z above the start      the ten figures of the paper's Table 1, first poses aligned\n\n\
     Between poses of the truth at most 1 s apart it is interpolated.";
 
-const MAP_HELP: &str = "Recordings:\n  \
+pub(crate) const MAP_HELP: &str = "Recordings:\n  \
     WALK.bag               ROS 1 bag: livox_ros_driver/CustomMsg or sensor_msgs/PointCloud2, and sensor_msgs/Imu\n  \
     --lidar X.pcap         UDP capture of a Livox SDK1 device\n  \
     --imu Y.bin            bytes of a WT901C as they came over the serial line; a log without time frames is\n                         \
@@ -154,8 +159,9 @@ pub(crate) struct DemoArgs {
     pub(crate) log: LogOptions,
 }
 
+/// A recording and the rig that it was made with.
 #[derive(Debug, Args)]
-pub(crate) struct MapArgs {
+pub(crate) struct RecordingArgs {
     /// ROS 1 bag with LiDAR and IMU
     #[arg(value_name = "WALK.bag", required_unless_present = "lidar", conflicts_with_all = ["lidar", "imu"])]
     pub(crate) bag: Option<PathBuf>,
@@ -177,6 +183,12 @@ pub(crate) struct MapArgs {
     /// Where the LiDAR sits on the IMU [default: both in one place]
     #[arg(long, value_name = "RIG.toml")]
     pub(crate) rig: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct MapArgs {
+    #[command(flatten)]
+    pub(crate) recording: RecordingArgs,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR", default_value = "evac-out")]
     pub(crate) output: PathBuf,

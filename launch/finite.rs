@@ -8,12 +8,12 @@ use evac_config::{Mode, Pipeline, Rig, RigFile};
 use evac_formats::write_atomically;
 use evac_ports::{Domain, wait_on};
 use evac_stage::start_logging;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use toml::Value;
 
 use crate::check::check;
-use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, World};
+use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, RecordingArgs, World};
 use crate::error::LaunchError;
+use crate::progress::Bar;
 use crate::registry::ODOMETRIES;
 use crate::summary::{self, Run};
 use crate::supervisor::{Progress, Supervisor, interrupted};
@@ -70,27 +70,11 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
 pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
     start_logging(&args.log);
     let mut pipeline = Pipeline::parse(Path::new("map.toml"), MAP)?;
-    pipeline.rig = args.rig.as_deref().map_or(Ok(Rig::default()), RigFile::read)?;
+    pipeline.rig = args.recording.rig()?;
     choose(&mut pipeline, &args.odometry);
-    let recording = match (&args.bag, &args.lidar) {
-        (Some(bag), _) => {
-            set(&mut pipeline, "replay", "bag", existing(bag)?);
-            bag
-        }
-        (None, Some(lidar)) => {
-            set(&mut pipeline, "replay", "lidar", existing(lidar)?);
-            if let Some(imu) = &args.imu {
-                set(&mut pipeline, "replay", "imu", existing(imu)?);
-            }
-            set(&mut pipeline, "replay", "imu_rate_hz", Value::from(args.imu_rate));
-            set(&mut pipeline, "replay", "imu_offset_ms", Value::from(args.imu_offset_ms));
-            lidar
-        }
-        (None, None) => {
-            return Err(LaunchError::Path("name a recording: WALK.bag or --lidar X.pcap".to_owned()));
-        }
-    };
-    set(&mut pipeline, "replay", "allow_truncated", Value::from(args.allow_truncated));
+    for (key, value) in keys_of(&args.recording)? {
+        set(&mut pipeline, "replay", key, value);
+    }
     if let Some(truth) = &args.truth {
         existing(truth)?;
     }
@@ -100,9 +84,41 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
         command: "map",
         output: &args.output,
         truth: args.truth.as_deref(),
-        about: recording.display().to_string(),
+        about: args.recording.name(),
     };
     run_to_the_end(pipeline, &domain, args.resolution, &args.log, &run)
+}
+
+/// The replay's keys for a recording, whose files are there.
+pub(crate) fn keys_of(recording: &RecordingArgs) -> Result<Vec<(&'static str, Value)>, LaunchError> {
+    let mut keys = vec![("allow_truncated", Value::from(recording.allow_truncated))];
+    match (&recording.bag, &recording.lidar) {
+        (Some(bag), _) => keys.push(("bag", existing(bag)?)),
+        (None, Some(lidar)) => {
+            keys.push(("lidar", existing(lidar)?));
+            if let Some(imu) = &recording.imu {
+                keys.push(("imu", existing(imu)?));
+            }
+            keys.push(("imu_rate_hz", Value::from(recording.imu_rate)));
+            keys.push(("imu_offset_ms", Value::from(recording.imu_offset_ms)));
+        }
+        (None, None) => {
+            return Err(LaunchError::Path("name a recording: WALK.bag or --lidar X.pcap".to_owned()));
+        }
+    }
+    Ok(keys)
+}
+
+impl RecordingArgs {
+    /// Where the sensors sit.
+    pub(crate) fn rig(&self) -> Result<Rig, LaunchError> {
+        Ok(self.rig.as_deref().map_or(Ok(Rig::default()), RigFile::read)?)
+    }
+
+    /// For people.
+    pub(crate) fn name(&self) -> String {
+        self.bag.as_ref().or(self.lidar.as_ref()).map_or(String::new(), |path| path.display().to_string())
+    }
 }
 
 fn run_to_the_end(
@@ -149,46 +165,6 @@ fn step(supervisor: &mut Supervisor, bar: &Bar, frames: &mut u64) -> Result<Prog
     }
     bar.show(*frames, supervisor.total_scans());
     Ok(progress)
-}
-
-/// A bar on a terminal, a line now and then elsewhere.
-struct Bar {
-    bar: ProgressBar,
-    about: String,
-    last_line: std::cell::Cell<(u64, Option<Instant>)>,
-}
-
-/// Time between two lines where there is no terminal.
-const LINE_INTERVAL: Duration = Duration::from_secs(5);
-
-impl Bar {
-    fn new(about: &str) -> Self {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
-        if let Ok(style) =
-            ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left")
-        {
-            bar.set_style(style.progress_chars("=> "));
-        }
-        bar.set_message(about.to_owned());
-        Self { bar, about: about.to_owned(), last_line: std::cell::Cell::new((0, None)) }
-    }
-
-    fn show(&self, frames: u64, total: Option<u64>) {
-        if let Some(total) = total {
-            self.bar.set_length(total);
-        }
-        self.bar.set_position(frames);
-        let (shown, when) = self.last_line.get();
-        if self.bar.is_hidden() && frames > shown && when.is_none_or(|when| when.elapsed() > LINE_INTERVAL) {
-            let of = total.map_or(String::new(), |total| format!(" of {total}"));
-            eprintln!("{}: {frames}{of} frames", self.about);
-            self.last_line.set((frames, Some(Instant::now())));
-        }
-    }
-
-    fn end(&self) {
-        self.bar.finish_and_clear();
-    }
 }
 
 /// Puts the chosen odometry in the place of the pipeline's own.

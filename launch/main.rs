@@ -1,5 +1,6 @@
 //! `evac`: the command that starts, watches and stops pipelines, and every stage in one executable.
 
+mod calibrate;
 mod check;
 mod cli;
 mod convert;
@@ -10,6 +11,7 @@ mod experiment;
 mod finite;
 mod health_board;
 mod live;
+mod progress;
 mod registry;
 mod status;
 mod summary;
@@ -40,6 +42,7 @@ fn run(command: Command) -> Result<(), LaunchError> {
     match command {
         Command::Demo(args) => finite::demo(&args),
         Command::Map(args) => finite::map(&args),
+        Command::Calibrate(args) => calibrate::calibrate(&args),
         Command::Up(args) => live::up(&args),
         Command::Down(args) => live::down(&args),
         Command::Status(args) => status::status(&args),

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use crate::cli::{DomainArgs, StatusArgs};
 use crate::error::LaunchError;
-use crate::health_board::{HealthBoard, age_s, as_json, state_word};
+use crate::health_board::{HealthBoard, age_s, as_json, odometry_line, state_word};
 
 /// Every stage reports once a second.
 const PATIENCE: Duration = Duration::from_millis(1300);
@@ -95,6 +95,9 @@ fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard) {
             triple(&health.compute),
             triple(&health.end_to_end),
         );
+        if let Some(line) = odometry_line(health) {
+            println!("{:<16} {line}", "");
+        }
         let reason = evac_frames::Health::text_of(&health.reason);
         if !reason.is_empty() {
             println!("{:<16} {reason}", "");

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use crate::drift::{Drift, drift};
 use crate::error::LaunchError;
-use crate::health_board::{HealthBoard, frames_json, latency_json};
+use crate::health_board::{HealthBoard, frames_json, latency_json, odometry_json, odometry_line};
 use crate::registry::ODOMETRIES;
 
 /// Files that a run leaves in its folder, in the order in which they are listed.
@@ -68,6 +68,7 @@ pub(crate) fn write(
         "frames_lost": lost,
         "wall_seconds": took.as_secs_f64(),
         "latency_to_pose": end_to_end,
+        "odometry": board.get(odometry).map(odometry_json),
         "drift": drift,
         "stages": stages,
         "configuration": serde_json::to_value(pipeline).unwrap_or(Value::Null),
@@ -107,6 +108,9 @@ fn print(
             println!("  {name}: {} frames degraded", health.degraded);
         }
         if name == odometry {
+            if let Some(line) = odometry_line(health) {
+                println!("{name} at the end: {line}");
+            }
             let latency = health.end_to_end;
             println!(
                 "last point to pose {:.1} ms (median), {:.1} ms (p99), {:.1} ms (most)",

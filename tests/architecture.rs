@@ -35,6 +35,14 @@ fn allowed(name: &str) -> &'static [&'static str] {
             "evac-simulator",
             "evac-stage",
         ],
+        "evac-calibration" => &[
+            "evac-config",
+            "evac-experiments",
+            "evac-frames",
+            "evac-geometry",
+            "evac-odometry",
+            "evac-stage",
+        ],
         "evac-grid-exporter" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-picture", "evac-stage"]
         }

@@ -91,6 +91,11 @@ fn a_recorded_walk_maps_like_the_walk_itself() {
     let summary: Value = serde_json::from_str(&bench.text("map/summary.json")).unwrap();
     assert_eq!(summary["frames"], 140);
     assert_eq!(summary["frames_lost"], 0);
+    let odometry = &summary["odometry"];
+    assert!((100..140).contains(&odometry["poses"].as_u64().unwrap()), "{odometry}");
+    assert_eq!(odometry["losses"]["count"], 0, "{odometry}");
+    assert!((0.0..1.0).contains(&odometry["degenerate"]["share"].as_f64().unwrap()), "{odometry}");
+    assert!(odometry["time_offset_ms"].as_f64().unwrap().abs() < 2.0, "{odometry}");
     assert!(summary["drift"]["end_percent"].as_f64().unwrap() < 2.0, "{}", summary["drift"]);
 }
 

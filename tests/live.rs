@@ -61,7 +61,19 @@ fn status_shows_every_process_and_sigterm_ends_them_all_and_writes_the_maps() {
         assert!(stage["rate_hz"].as_f64().unwrap() > 1.0, "{stage}");
         assert_eq!(stage["frames"]["lost"], 0, "{stage}");
     }
+    let tracked = wait_for("the first poses", || {
+        let status: Value =
+            serde_json::from_str(&bench.run(["status", "--json", &file]).expect_success().stdout).unwrap();
+        let odometry = status["stages"]["lio"]["odometry"].clone();
+        odometry.is_object().then_some(odometry)
+    });
+    assert!(["tracking", "degenerate"].contains(&tracked["state"].as_str().unwrap()), "{tracked}");
+    assert_eq!(tracked["losses"], serde_json::json!({ "count": 0, "frames": 0, "lost_now": false }));
+    assert!(tracked["quality"].as_f64().unwrap() > 0.3, "{tracked}");
+    assert!(tracked["time_offset_sigma_ms"].as_f64().unwrap() > 0.0, "{tracked}");
+    assert!(status["stages"]["deskewer"]["odometry"].is_null(), "{status}");
     let table = bench.run(["status", &file]).expect_success().stdout;
+    assert!(table.contains("% of frames"), "{table}");
     assert!(STAGES.iter().all(|stage| table.contains(stage)), "{table}");
     pids.sort_unstable();
     pids.dedup();

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use evac_config::{ImuFromLidar, RigFile};
 use evac_formats::tum;
-use evac_frames::{Point, ScanHeader};
+use evac_frames::{ImuSample, Point, ScanHeader};
 use evac_geometry::isometry;
 use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use evac_replay::Replay;
@@ -46,21 +46,7 @@ pub fn read_recording(name: &str, folder: &Path) -> Result<Walk, ExperimentError
         imu: Some(unpacked(folder, "wt901c.bin", &scratch)?),
         ..Default::default()
     };
-    let stage = |cause| ExperimentError::Stage { about: name.to_owned(), cause };
-    let mut replay = Replay::new(config, &rig).map_err(stage)?;
-    let (mut imu, mut scans): (_, Vec<(ScanHeader, Vec<Point>)>) = (Vec::new(), Vec::new());
-    while let Some(event) = replay.next_event().map_err(stage)? {
-        match event {
-            SensorEvent::Imu(mut sample) => {
-                sample.seq = imu.len() as u64;
-                imu.push(sample);
-            }
-            SensorEvent::Scan(mut header) => {
-                header.frame.seq = scans.len() as u64;
-                scans.push((header, (0..header.points as usize).map(|index| replay.point(index)).collect()));
-            }
-        }
-    }
+    let (scans, imu) = read_streams(name, config, &rig, f64::INFINITY)?;
     let truth = truth(folder, scans.len())?;
     let mut frames: Vec<_> = scans
         .into_iter()
@@ -74,6 +60,60 @@ pub fn read_recording(name: &str, folder: &Path) -> Result<Walk, ExperimentError
         .collect();
     slice(&mut frames, &imu);
     Ok(Walk { name: name.to_owned(), rig, frames })
+}
+
+/// Reads a recording without a truth into memory, which then is the identity; at most the first `duration_s` seconds of it.
+///
+/// # Errors
+/// [`ExperimentError::Stage`] for what the replay refuses.
+pub fn read_replay(
+    name: &str,
+    config: evac_replay::Config,
+    rig: &Rig,
+    duration_s: f64,
+) -> Result<Walk, ExperimentError> {
+    let (scans, imu) = read_streams(name, config, rig, duration_s)?;
+    let frame = |(header, points): (ScanHeader, Vec<Point>)| Frame {
+        header,
+        points: points.into(),
+        imu: Vec::new(),
+        truth: Isometry3::identity(),
+    };
+    let mut frames: Vec<_> = scans.into_iter().map(frame).collect();
+    slice(&mut frames, &imu);
+    Ok(Walk { name: name.to_owned(), rig: *rig, frames })
+}
+
+type Streams = (Vec<(ScanHeader, Vec<Point>)>, Vec<ImuSample>);
+
+/// All scans and IMU samples of the first seconds.
+fn read_streams(
+    name: &str,
+    config: evac_replay::Config,
+    rig: &Rig,
+    duration_s: f64,
+) -> Result<Streams, ExperimentError> {
+    let stage = |cause| ExperimentError::Stage { about: name.to_owned(), cause };
+    let mut replay = Replay::new(config, rig).map_err(stage)?;
+    let (mut scans, mut imu): Streams = (Vec::new(), Vec::new());
+    let mut start_ns = None;
+    while let Some(event) = replay.next_event().map_err(stage)? {
+        match event {
+            SensorEvent::Imu(mut sample) => {
+                sample.seq = imu.len() as u64;
+                imu.push(sample);
+            }
+            SensorEvent::Scan(mut header) => {
+                let start_ns = *start_ns.get_or_insert(header.frame.start_ns);
+                if header.frame.end_ns.saturating_sub(start_ns) as f64 * 1e-9 > duration_s {
+                    break;
+                }
+                header.frame.seq = scans.len() as u64;
+                scans.push((header, (0..header.points as usize).map(|index| replay.point(index)).collect()));
+            }
+        }
+    }
+    Ok((scans, imu))
 }
 
 /// The rig, and the rotation that levels the truth.

@@ -95,7 +95,9 @@ where
     run
 }
 
-struct Pipeline<S> {
+/// Deskewer and odometry, frame by frame.
+#[derive(Debug)]
+pub struct Pipeline<S> {
     deskewer: Deskewer,
     odometry: S,
     scans: ScanOutput,
@@ -106,7 +108,11 @@ impl<S> Pipeline<S>
 where
     S: for<'a> Stage<Input<'a> = ScanWithImu<'a>, Output = PoseOutput>,
 {
-    fn new(settings: &Settings, config: S::Config, rig: &Rig) -> Result<Self, StageError> {
+    /// Both stages, not yet started.
+    ///
+    /// # Errors
+    /// [`StageError`] for a configuration that one of them refuses.
+    pub fn new(settings: &Settings, config: S::Config, rig: &Rig) -> Result<Self, StageError> {
         Ok(Self {
             deskewer: Deskewer::new(settings.deskewer.clone(), rig)?,
             odometry: S::new(config, rig)?,
@@ -115,7 +121,21 @@ where
         })
     }
 
-    fn feed(&mut self, frame: &Frame, stream: &[ImuSample]) -> Result<FrameResult, StageError> {
+    /// The odometry.
+    pub fn odometry(&self) -> &S {
+        &self.odometry
+    }
+
+    /// As above.
+    pub fn odometry_mut(&mut self) -> &mut S {
+        &mut self.odometry
+    }
+
+    /// Runs one frame through both. `stream` are all IMU samples of the walk.
+    ///
+    /// # Errors
+    /// [`StageError`] of the stage that gives up.
+    pub fn feed(&mut self, frame: &Frame, stream: &[ImuSample]) -> Result<FrameResult, StageError> {
         let Frame { header, points, imu, truth } = frame;
         let prior = self.poses.memory.last().copied();
         // The run loop waits for cover, longer where the IMU's stamps are known to run ahead; after the stream's last sample

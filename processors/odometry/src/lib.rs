@@ -14,5 +14,5 @@
 mod lio;
 mod loam;
 
-pub use lio::{Diagnostics, Lio, LioConfig};
+pub use lio::{Diagnostics, Lio, LioConfig, ScanOrientation};
 pub use loam::{Loam, LoamConfig, LoamDiagnostics};

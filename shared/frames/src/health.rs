@@ -32,8 +32,39 @@ frame! {
 }
 
 frame! {
+    /// How an odometry fares since its start, for [`Health`]; all zero for other stages.
+    "evac.OdometryHealth.v1", 112 bytes,
+    pub struct OdometryHealth {
+        /// Poses published, those before the start not counted.
+        pub poses: u64,
+        /// Of these, poses with directions that the LiDAR did not observe.
+        pub degenerate: u64,
+        /// Of these, poses without a match with the map.
+        pub lost: u64,
+        /// Times that the match was lost.
+        pub losses: u64,
+        /// Time offset of the newest pose, to add to IMU stamps, nanoseconds.
+        pub time_offset_ns: i64,
+        /// Gyroscope bias of the newest pose, rad/s, IMU frame.
+        pub gyro_bias: [f64; 3],
+        /// Accelerometer bias of the newest pose, m/s^2, IMU frame.
+        pub accel_bias: [f64; 3],
+        /// Standard deviation of the time offset, microseconds; 0 where it is not estimated.
+        pub time_offset_sigma_us: u32,
+        /// Share of the selected points that the newest match used, 0 to 1.
+        pub quality: f32,
+        /// Directions that the newest scan did not show.
+        pub directions: u32,
+        /// See [`crate::TrackingState`].
+        pub state: u32,
+        /// Always zero.
+        pub reserved: [u32; 2],
+    }
+}
+
+frame! {
     /// A stage's report on `health/status`, each second and once at its end.
-    "evac.Health.v1", 336 bytes,
+    "evac.Health.v2", 448 bytes,
     pub struct Health {
         /// Instance name, UTF-8, zero padded.
         pub name: [u8; 32],
@@ -78,6 +109,8 @@ frame! {
         pub reserved: u32,
         /// Frames that will come in all; 0 where it is not known.
         pub total: u64,
+        /// How the odometry fares, where the stage is one.
+        pub odometry: OdometryHealth,
     }
 }
 

@@ -14,7 +14,7 @@ mod map;
 mod pose;
 mod scan;
 
-pub use health::{Ack, Health, LatencySummary, StageState};
+pub use health::{Ack, Health, LatencySummary, OdometryHealth, StageState};
 pub use layout::{Field, Layout, layout_hash};
 pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};
 pub use pose::{PoseFrame, TrackingState};

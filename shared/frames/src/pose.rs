@@ -17,9 +17,18 @@ pub enum TrackingState {
     Lost = 3,
 }
 
+impl TrackingState {
+    /// The state behind a frame's number; `None` for a value of another build.
+    pub fn of(number: u32) -> Option<Self> {
+        [Self::Initialising, Self::Tracking, Self::Degenerate, Self::Lost]
+            .into_iter()
+            .find(|state| *state as u32 == number)
+    }
+}
+
 frame! {
     /// Pose of one frame on `odometry/pose` and `truth/pose`.
-    "evac.PoseFrame.v1", 640 bytes,
+    "evac.PoseFrame.v2", 640 bytes,
     pub struct PoseFrame {
         /// Sequence number and times of the scan; the pose holds at `end_ns`.
         pub frame: FrameHeader,
@@ -52,16 +61,14 @@ frame! {
         pub degenerate: u32,
         /// See [`TrackingState`].
         pub state: u32,
-        /// Always zero.
-        pub reserved: u32,
+        /// Standard deviation of the time offset, microseconds, as honest as the covariance; 0 where it is not estimated.
+        pub time_offset_sigma_us: u32,
     }
 }
 
 impl PoseFrame {
     /// The estimator's state; `None` for a value of another build.
     pub fn tracking_state(&self) -> Option<TrackingState> {
-        [TrackingState::Initialising, TrackingState::Tracking, TrackingState::Degenerate, TrackingState::Lost]
-            .into_iter()
-            .find(|state| *state as u32 == self.state)
+        TrackingState::of(self.state)
     }
 }

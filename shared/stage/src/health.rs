@@ -1,6 +1,6 @@
 //! A stage's report about itself: counters and latency percentiles, each second and once at its end.
 
-use evac_frames::{FrameHeader, Health, LatencySummary, StageState};
+use evac_frames::{FrameHeader, Health, LatencySummary, OdometryHealth, StageState};
 use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, PortError, RecordPublisher, now_ns};
 use hdrhistogram::Histogram;
@@ -22,6 +22,8 @@ pub struct Reporter {
     pub input: InputCounters,
     /// What the stage itself counts.
     pub counters: Counters,
+    /// How the odometry fares, where the stage is one.
+    pub odometry: OdometryHealth,
     last_report: (i64, u64),
 }
 
@@ -60,6 +62,7 @@ impl Reporter {
             end_to_end: Latency::new(),
             input: InputCounters::default(),
             counters: Counters::default(),
+            odometry: OdometryHealth::default(),
             last_report: (now_ns(), 0),
         };
         reporter.publish()?;
@@ -133,6 +136,7 @@ impl Reporter {
         self.health.degraded = self.counters.degraded;
         self.health.rejected = self.counters.rejected + self.input.imu_rejected;
         self.health.imu_lost = self.input.imu_lost;
+        self.health.odometry = self.odometry;
         self.health.ipc = self.ipc.summary();
         self.health.compute = self.compute.summary();
         self.health.end_to_end = self.end_to_end.summary();

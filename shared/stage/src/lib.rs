@@ -25,6 +25,7 @@ mod run_source;
 mod run_stage;
 mod source;
 mod stage;
+mod tracking;
 
 pub use check::check_range;
 pub use evac_config::Rig;

@@ -1,12 +1,12 @@
 //! What stages write to: shared memory in a pipeline, plain vectors in tests and benches (`default()`).
 
-use evac_frames::{FrameHeader, GridHeader, MapHeader, Point, PoseFrame, ScanHeader, Voxel};
+use evac_frames::{FrameHeader, GridHeader, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel};
 use evac_ports::services::{
     Cell, GridPlan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
 };
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
-use crate::StageError;
+use crate::{StageError, tracking};
 
 /// An output that the run loop can connect to the bus.
 pub trait StageOutput: Sized {
@@ -21,6 +21,11 @@ pub trait StageOutput: Sized {
     /// # Errors
     /// [`PortError`].
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError>;
+
+    /// How the odometry fares whose output this is, for the health report; nothing for other stages.
+    fn odometry(&self) -> OdometryHealth {
+        OdometryHealth::default()
+    }
 }
 
 fn failed(cause: PortError) -> StageError {
@@ -106,13 +111,14 @@ pub struct PoseOutput {
     /// What was published, newest last, where no shared memory is connected.
     pub memory: Vec<PoseFrame>,
     newest_only: bool,
+    odometry: OdometryHealth,
     port: Option<(RecordPublisher<OdometryPose>, u32)>,
 }
 
 impl PoseOutput {
     /// Keeps only the newest pose in memory, so that publishing does not allocate.
     pub fn newest_only() -> Self {
-        Self { newest_only: true, memory: Vec::with_capacity(1), port: None }
+        Self { newest_only: true, memory: Vec::with_capacity(1), ..Self::default() }
     }
 
     /// Publishes a pose.
@@ -120,6 +126,7 @@ impl PoseOutput {
     /// # Errors
     /// [`StageError::Output`] when shared memory cannot be loaned or sent.
     pub fn publish(&mut self, pose: &PoseFrame) -> Result<(), StageError> {
+        tracking::count(&mut self.odometry, pose);
         let Some((port, epoch)) = &self.port else {
             if self.newest_only {
                 self.memory.clear();
@@ -139,6 +146,10 @@ impl StageOutput for PoseOutput {
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+
+    fn odometry(&self) -> OdometryHealth {
+        self.odometry
     }
 }
 

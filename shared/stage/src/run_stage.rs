@@ -116,6 +116,7 @@ impl<S, J> Running<S, J>
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
+    S::Output: StageOutput,
 {
     fn run(&mut self, bus: &Bus, listeners: &[Listener]) -> Result<(), RunError> {
         wait_on(listeners, |wake| match self.look(bus, wake) {
@@ -165,6 +166,7 @@ where
         let handled = self.join.next(&mut self.reporter, |input, frame, reporter| {
             reporter.begin();
             stage.process(input, output, &mut reporter.counters)?;
+            reporter.odometry = output.odometry();
             reporter.done(frame, complete_ns);
             Ok::<FrameHeader, StageError>(*frame)
         });

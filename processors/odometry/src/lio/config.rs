@@ -26,6 +26,10 @@ pub struct LioConfig {
     /// Standard deviation of the rotation between the IMU's true axes and those that `[rig.imu_from_lidar]` gives it,
     /// degrees per axis; 0 holds it at zero.
     pub misalignment_sigma_deg: f64,
+    /// Expected scale error of the gyroscope per axis, from a calibration: a true rate `w` reads `(1 + scale) w`.
+    pub gyro_scale: [f64; 3],
+    /// Expected milliseconds to add to an IMU stamp to get LiDAR time, from a calibration.
+    pub time_offset_ms: f64,
     /// Standard deviation of an unknown offset between the clocks of IMU and LiDAR, milliseconds; 0 holds it at zero.
     pub time_offset_sigma_ms: f64,
     /// Range noise of the LiDAR, metres (Mid-40 data sheet: 2 cm).
@@ -56,6 +60,8 @@ impl Default for LioConfig {
             hidden_gyro_bias_rad_s: 0.007,
             gyro_scale_sigma: 0.003,
             misalignment_sigma_deg: 0.2,
+            gyro_scale: [0.0; 3],
+            time_offset_ms: 0.0,
             time_offset_sigma_ms: 3.0,
             range_noise_m: 0.02,
             min_range_m: 0.3,
@@ -79,6 +85,10 @@ impl StageConfig for LioConfig {
             ("hidden_gyro_bias_rad_s", self.hidden_gyro_bias_rad_s, 1e-5, 0.2),
             ("gyro_scale_sigma", self.gyro_scale_sigma, 0.0, 0.1),
             ("misalignment_sigma_deg", self.misalignment_sigma_deg, 0.0, 10.0),
+            ("gyro_scale (x)", self.gyro_scale[0], -0.1, 0.1),
+            ("gyro_scale (y)", self.gyro_scale[1], -0.1, 0.1),
+            ("gyro_scale (z)", self.gyro_scale[2], -0.1, 0.1),
+            ("time_offset_ms", self.time_offset_ms, -120.0, 120.0),
             ("time_offset_sigma_ms", self.time_offset_sigma_ms, 0.0, 50.0),
             ("range_noise_m", self.range_noise_m, 1e-3, 0.5),
             ("min_range_m", self.min_range_m, 0.0, 10.0),

@@ -9,7 +9,7 @@ use super::correction::Report;
 use super::degeneracy::Degeneracy;
 use super::initialisation::{Start, upright};
 use super::monitor::Monitor;
-use super::report::{lidar_covariance, pose_frame};
+use super::report::{lidar_covariance, pose_frame, sigma_us};
 use super::sections::{PoseCovariance, Sections};
 use super::settling::Settling;
 use super::state::{Covariance, DIM, MOVING, State, add_variance, at};
@@ -69,17 +69,20 @@ pub(crate) struct Filter {
 }
 
 impl Filter {
-    pub(crate) fn new(start: &Start, stamp_ns: i64, config: &LioConfig, sections: Sections) -> Self {
+    pub(crate) fn new(start: &Start, end_ns: i64, config: &LioConfig, sections: Sections) -> Self {
         let mut covariance = start.covariance;
         covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = (config.time_offset_sigma_ms * 1e-3).powi(2);
         add_variance(&mut covariance, at::GYRO_SCALE, config.gyro_scale_sigma.powi(2));
         add_misalignment(&mut covariance, &start.state, config.misalignment_sigma_deg.to_radians());
+        let mut state = start.state;
+        state.gyro_scale = config.gyro_scale.into();
+        state.time_offset_s = config.time_offset_ms * 1e-3;
         Self {
-            state: start.state,
-            at_start: (start.state, covariance),
+            state,
+            at_start: (state, covariance),
             covariance,
-            stamp_ns,
-            started_ns: stamp_ns,
+            stamp_ns: end_ns - state.offset_ns(),
+            started_ns: end_ns - state.offset_ns(),
             rate: Vector3::zeros(),
             monitor: Monitor::default(),
             degeneracy: Degeneracy::default(),
@@ -253,7 +256,10 @@ impl Filter {
         let pose = self.covariance.fixed_view::<6, 6>(0, 0) + origin;
         let covariance = lidar_covariance(&self.state, &pose, imu_from_lidar);
         let quality = report.used as f64 / report.selected.max(1) as f64;
-        pose_frame(frame, &self.state, covariance, imu_from_lidar, &self.degeneracy, quality, tracking)
+        let mut pose =
+            pose_frame(frame, &self.state, covariance, imu_from_lidar, &self.degeneracy, quality, tracking);
+        pose.time_offset_sigma_us = sigma_us(self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)]);
+        pose
     }
 }
 

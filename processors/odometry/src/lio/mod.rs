@@ -22,6 +22,7 @@ mod mapping;
 mod matching;
 mod monitor;
 mod offset_search;
+mod orientation;
 mod plane_map;
 mod propagation;
 mod report;
@@ -33,4 +34,5 @@ mod state;
 mod tracking;
 
 pub use config::LioConfig;
+pub use orientation::ScanOrientation;
 pub use stage::{Diagnostics, Lio};

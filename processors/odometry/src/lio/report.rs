@@ -43,6 +43,11 @@ pub(crate) fn pose_frame(
     pose
 }
 
+/// Published standard deviation of the time offset, microseconds, from its variance in s^2; 0 says that it is not estimated.
+pub(crate) fn sigma_us(variance: f64) -> u32 {
+    (HONESTY * variance.max(0.0).sqrt() * 1e6).ceil() as u32
+}
+
 /// Pose frame before the start: the LiDAR at the map's origin, upright as far as gravity is known.
 pub(crate) fn waiting_frame(
     frame: &FrameHeader,

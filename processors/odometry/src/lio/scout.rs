@@ -32,8 +32,8 @@ const ASTRAY_ROTATION: f64 = 0.012;
 pub(crate) struct Scout {
     state: State,
     /// `map_from_imu` rotation in the middle of the scan.
-    at_middle: UnitQuaternion<f64>,
-    rotation: Matrix3<f64>,
+    pub(crate) at_middle: UnitQuaternion<f64>,
+    pub(crate) rotation: Matrix3<f64>,
     position: Matrix3<f64>,
 }
 
@@ -46,30 +46,34 @@ impl Scout {
 }
 
 impl Lio {
-    /// While the clocks' offset is searched for: the pose that the LiDAR alone gives, the IMU only saying where to begin.
+    /// While the clocks' offset is searched for: the pose that the LiDAR alone gives.
     pub(crate) fn scout(&mut self, filter: &Filter, middle: &Middle) -> Option<Scout> {
         if self.offset_search.is_over() || filter.settling.is_some() {
             return None;
         }
+        let scout = self.match_alone(filter, middle);
+        if scout.is_none() {
+            self.offset_search.interrupt();
+        }
+        scout
+    }
+
+    /// Matches the selected points with the map, the IMU only saying where to begin; `None` where most of them fit nothing.
+    pub(crate) fn match_alone(&mut self, filter: &Filter, middle: &Middle) -> Option<Scout> {
         let mut state = filter.state;
         let mut covariance = Covariance::zeros();
         add_variance(&mut covariance, at::ROTATION, FREE_ROTATION.powi(2));
         add_variance(&mut covariance, at::POSITION, FREE_POSITION.powi(2));
-        let gate = Gate { range_noise: self.config.range_noise_m, floors: GATE };
         let report = correct(
             &Known { map: &self.map, sections: &filter.sections },
             &self.selected,
             &mut state,
             &mut covariance,
             &middle.twist,
-            &gate,
+            &Gate { range_noise: self.config.range_noise_m, floors: GATE },
             &mut self.matches,
         );
-        if report.used * 2 <= report.selected || !state.is_finite() {
-            self.offset_search.interrupt();
-            return None;
-        }
-        Some(Scout {
+        (report.used * 2 > report.selected && state.is_finite()).then(|| Scout {
             state,
             at_middle: state.rotation * middle.from_end.inverse(),
             rotation: covariance.fixed_view::<3, 3>(at::ROTATION, at::ROTATION).into_owned(),

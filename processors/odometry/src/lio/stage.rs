@@ -13,6 +13,7 @@ use super::imu::ImuTrack;
 use super::initialisation::{Initialiser, Start};
 use super::matching::{Match, Selected};
 use super::offset_search::OffsetSearch;
+use super::orientation::ScanOrientation;
 use super::plane_map::PlaneMap;
 use super::propagation::TracePoint;
 use super::report::waiting_frame;
@@ -83,6 +84,9 @@ pub struct Lio {
     pub(crate) trace: Vec<TracePoint>,
     previous_end_ns: Option<i64>,
     pub(crate) diagnostics: Diagnostics,
+    /// For calibration: each scan is also matched by itself, with this result.
+    pub(crate) orients_scans: bool,
+    pub(crate) orientation: Option<ScanOrientation>,
 }
 
 impl Stage for Lio {
@@ -117,6 +121,8 @@ impl Stage for Lio {
             trace: Vec::with_capacity(MAX_TRACE),
             previous_end_ns: None,
             diagnostics: Diagnostics::default(),
+            orients_scans: false,
+            orientation: None,
         })
     }
 

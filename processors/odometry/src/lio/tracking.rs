@@ -48,6 +48,7 @@ impl Lio {
         }
         counters.rejected += self.take_points(&filter.state, filter.frame, input);
         let scout = self.scout(&filter, &middle);
+        self.orient(&filter, &middle, &input.header.frame, is_led);
         let mut report = self.correct(&mut filter, &middle, is_led);
         if is_led {
             // The LiDAR has to find the motion inside the scan too: once more with the points brought to the end by what it found.

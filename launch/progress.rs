@@ -1,0 +1,45 @@
+//! How far a long work is.
+
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// A bar on a terminal, a line now and then elsewhere.
+pub(crate) struct Bar {
+    bar: ProgressBar,
+    about: String,
+    last_line: std::cell::Cell<(u64, Option<Instant>)>,
+}
+
+/// Time between two lines where there is no terminal.
+const LINE_INTERVAL: Duration = Duration::from_secs(5);
+
+impl Bar {
+    pub(crate) fn new(about: &str) -> Self {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
+        if let Ok(style) =
+            ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left")
+        {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        bar.set_message(about.to_owned());
+        Self { bar, about: about.to_owned(), last_line: std::cell::Cell::new((0, None)) }
+    }
+
+    pub(crate) fn show(&self, frames: u64, total: Option<u64>) {
+        if let Some(total) = total {
+            self.bar.set_length(total);
+        }
+        self.bar.set_position(frames);
+        let (shown, when) = self.last_line.get();
+        if self.bar.is_hidden() && frames > shown && when.is_none_or(|when| when.elapsed() > LINE_INTERVAL) {
+            let of = total.map_or(String::new(), |total| format!(" of {total}"));
+            eprintln!("{}: {frames}{of} frames", self.about);
+            self.last_line.set((frames, Some(Instant::now())));
+        }
+    }
+
+    pub(crate) fn end(&self) {
+        self.bar.finish_and_clear();
+    }
+}
