@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 pub(crate) struct Bar {
     bar: ProgressBar,
     about: String,
-    last_line: std::cell::Cell<(u64, Option<Instant>)>,
+    last_line: std::cell::Cell<(u64, Instant)>,
 }
 
 /// Time between two lines where there is no terminal.
@@ -23,7 +23,7 @@ impl Bar {
             bar.set_style(style.progress_chars("=> "));
         }
         bar.set_message(about.to_owned());
-        Self { bar, about: about.to_owned(), last_line: std::cell::Cell::new((0, None)) }
+        Self { bar, about: about.to_owned(), last_line: std::cell::Cell::new((0, Instant::now())) }
     }
 
     pub(crate) fn show(&self, frames: u64, total: Option<u64>) {
@@ -32,10 +32,10 @@ impl Bar {
         }
         self.bar.set_position(frames);
         let (shown, when) = self.last_line.get();
-        if self.bar.is_hidden() && frames > shown && when.is_none_or(|when| when.elapsed() > LINE_INTERVAL) {
+        if self.bar.is_hidden() && frames > shown && when.elapsed() > LINE_INTERVAL {
             let of = total.map_or(String::new(), |total| format!(" of {total}"));
             eprintln!("{}: {frames}{of} frames", self.about);
-            self.last_line.set((frames, Some(Instant::now())));
+            self.last_line.set((frames, Instant::now()));
         }
     }
 

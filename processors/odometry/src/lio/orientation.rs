@@ -9,6 +9,9 @@ use super::filter::Filter;
 use super::stage::Lio;
 use super::tracking::middle_ns;
 
+/// Added to the gates of the associations, metres: narrower than the scout's, as the calibration comes back with a better clock.
+const GATE: &[f64] = &[0.1, 0.03];
+
 /// Orientation of one scan, matched with the map without the IMU.
 #[derive(Debug, Clone, Copy)]
 pub struct ScanOrientation {
@@ -42,7 +45,7 @@ impl Lio {
         }
         let diagnostics = &self.diagnostics;
         let map = diagnostics.map_restarts + diagnostics.losses + diagnostics.sections_returned_to;
-        self.orientation = self.match_alone(filter, middle).map(|scout| ScanOrientation {
+        self.orientation = self.match_alone(filter, middle, GATE).map(|scout| ScanOrientation {
             stamp_ns: middle_ns(frame),
             map_from_imu: scout.at_middle,
             covariance: scout.rotation,

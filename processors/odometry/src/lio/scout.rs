@@ -13,7 +13,7 @@ use super::stage::Lio;
 use super::state::{Covariance, State, add_variance, at};
 use super::tracking::middle_ns;
 
-/// Added to the gates of the associations, metres.
+/// Added to the gates of the associations, metres: so wide that what a wrong clock has displaced still counts.
 const GATE: &[f64] = &[0.2, 0.06];
 /// A scan fits the map if the filter can use so much of what it sees.
 const FITTING_SHARE: f64 = 0.6;
@@ -51,7 +51,7 @@ impl Lio {
         if self.offset_search.is_over() || filter.settling.is_some() {
             return None;
         }
-        let scout = self.match_alone(filter, middle);
+        let scout = self.match_alone(filter, middle, GATE);
         if scout.is_none() {
             self.offset_search.interrupt();
         }
@@ -59,7 +59,13 @@ impl Lio {
     }
 
     /// Matches the selected points with the map, the IMU only saying where to begin; `None` where most of them fit nothing.
-    pub(crate) fn match_alone(&mut self, filter: &Filter, middle: &Middle) -> Option<Scout> {
+    /// `floors` as in [`Gate`].
+    pub(crate) fn match_alone(
+        &mut self,
+        filter: &Filter,
+        middle: &Middle,
+        floors: &'static [f64],
+    ) -> Option<Scout> {
         let mut state = filter.state;
         let mut covariance = Covariance::zeros();
         add_variance(&mut covariance, at::ROTATION, FREE_ROTATION.powi(2));
@@ -70,7 +76,7 @@ impl Lio {
             &mut state,
             &mut covariance,
             &middle.twist,
-            &Gate { range_noise: self.config.range_noise_m, floors: GATE },
+            &Gate { range_noise: self.config.range_noise_m, floors },
             &mut self.matches,
         );
         (report.used * 2 > report.selected && state.is_finite()).then(|| Scout {
