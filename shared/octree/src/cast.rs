@@ -1,6 +1,5 @@
 //! Rays through the finished map.
 
-use crate::bricks::has;
 use crate::morton::{self, BRICK_BITS};
 use crate::trace::{HalfVoxel, Walk, norm};
 use crate::{Occupancy, OctreeMap};
@@ -52,9 +51,7 @@ impl OctreeMap {
                 place = self.bricks.find(brick);
             }
             let voxel = (walk.code & ((1 << BRICK_BITS) - 1)) as usize;
-            let value = place
-                .map(|place| self.bricks.get(place))
-                .and_then(|brick| has(brick.known, voxel).then(|| brick.log_odds[voxel]));
+            let value = place.and_then(|place| self.bricks.value(place, voxel));
             match value {
                 Some(value) if self.sensor().is_occupied(value) => return Some(RayCast { hit: true, end }),
                 None if !through_unknown => return Some(RayCast { hit: false, end }),

@@ -8,19 +8,27 @@
 //! is an addition; see [`SensorModel`].
 
 mod apply;
+mod arena;
 mod bricks;
 mod cast;
 mod changes;
+mod directory;
 mod error;
 mod key;
 mod map;
 mod marks;
+mod mask;
 mod morton;
+mod palette;
+mod planes;
+mod rays;
 mod scan;
 mod sensor;
+mod store;
 mod trace;
 mod tree;
 mod voxels;
+mod window;
 
 pub use cast::RayCast;
 pub use changes::Changes;

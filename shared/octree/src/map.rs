@@ -2,9 +2,12 @@
 
 use evac_frames::{Voxel, voxel_flags};
 
-use crate::bricks::{Bricks, has, set};
+use crate::bricks::Bricks;
+use crate::directory::Near;
+use crate::mask::{has, range};
 use crate::marks::ScanMarks;
 use crate::morton::{self, BRICK_BITS};
+use crate::rays::{Caster, Ray};
 use crate::{Key, KeySpace, MapError, Occupancy, Rejected, SensorModel};
 
 /// What a map is made from.
@@ -29,16 +32,22 @@ impl MapConfig {
 /// A sparse voxel map with OctoMap's semantics.
 #[derive(Debug)]
 pub struct OctreeMap {
-    space: KeySpace,
+    pub(crate) space: KeySpace,
     pub(crate) sensor: SensorModel,
     pub(crate) bricks: Bricks,
     pub(crate) marks: ScanMarks,
+    pub(crate) rays: Vec<Ray>,
+    pub(crate) caster: Caster,
     /// Voxels with a log-odds value.
     pub(crate) known: usize,
     /// Voxels with a value or a flag.
     pub(crate) listed: usize,
     /// Voxels that the last scan changed.
     pub(crate) changed: usize,
+    /// Number of the last scan.
+    pub(crate) scan: u32,
+    /// Number of the last change.
+    pub(crate) revision: u32,
 }
 
 impl OctreeMap {
@@ -58,11 +67,15 @@ impl OctreeMap {
         Ok(Self {
             space,
             sensor,
-            bricks: Bricks::new(max_bricks),
+            bricks: Bricks::new(max_bricks, sensor),
             marks: ScanMarks::new(max_bricks),
+            rays: Vec::new(),
+            caster: Caster::default(),
             known: 0,
             listed: 0,
             changed: 0,
+            scan: 0,
+            revision: 0,
         })
     }
 
@@ -91,6 +104,11 @@ impl OctreeMap {
         self.bricks.memory_bytes()
     }
 
+    /// Bytes that are kept from scan to scan to work in. Grows with the largest scan, not with the map.
+    pub fn scratch_bytes(&self) -> usize {
+        self.marks.memory_bytes() + self.rays.capacity() * size_of::<Ray>() + self.caster.memory_bytes()
+    }
+
     /// One hit or miss at a point, without a ray: OctoMap's `updateNode(point, hit)`. Gives the new log-odds.
     ///
     /// # Errors
@@ -115,12 +133,14 @@ impl OctreeMap {
             return Err(Rejected::NotFinite);
         }
         let (place, voxel) = self.find_or_add(key)?;
-        let brick = self.bricks.get_mut(place);
-        brick.log_odds[voxel] = log_odds;
-        if set(brick.known, voxel) {
+        if self.bricks.value(place, voxel).is_none() {
             self.known += 1;
-            self.listed += usize::from(!has(brick.ground, voxel));
+            self.listed += usize::from(!has(&self.bricks.ground(place), voxel));
         }
+        self.revision = self.revision.wrapping_add(1);
+        let (store, index) = self.bricks.at_mut(place);
+        store.assign(index, &range(voxel, 1), log_odds);
+        store.set_revision(index, self.revision);
         Ok(())
     }
 
@@ -130,10 +150,14 @@ impl OctreeMap {
     /// [`Rejected`]; the map is unchanged.
     pub fn set_ground(&mut self, key: Key) -> Result<(), Rejected> {
         let (place, voxel) = self.find_or_add(key)?;
-        let brick = self.bricks.get_mut(place);
-        if set(brick.ground, voxel) {
-            self.listed += usize::from(!has(brick.known, voxel));
+        if has(&self.bricks.ground(place), voxel) {
+            return Ok(());
         }
+        self.listed += usize::from(self.bricks.value(place, voxel).is_none());
+        self.revision = self.revision.wrapping_add(1);
+        let (store, index) = self.bricks.at_mut(place);
+        store.add_ground(index, &range(voxel, 1));
+        store.set_revision(index, self.revision);
         Ok(())
     }
 
@@ -155,8 +179,7 @@ impl OctreeMap {
     #[inline]
     pub fn log_odds(&self, key: Key) -> Option<f32> {
         let (brick, voxel) = split(key);
-        let brick = self.bricks.get(self.bricks.find(brick)?);
-        has(brick.known, voxel).then(|| brick.log_odds[voxel])
+        self.bricks.value(self.bricks.find(brick)?, voxel)
     }
 
     /// What is known of a voxel.
@@ -173,19 +196,19 @@ impl OctreeMap {
     #[inline]
     pub fn is_ground(&self, key: Key) -> bool {
         let (brick, voxel) = split(key);
-        self.bricks.find(brick).is_some_and(|place| has(self.bricks.get(place).ground, voxel))
+        self.bricks.find(brick).is_some_and(|place| has(&self.bricks.ground(place), voxel))
     }
 
     fn find_or_add(&mut self, key: Key) -> Result<(u32, usize), Rejected> {
         let (brick, voxel) = split(key);
-        let place = self.bricks.find_or_add(brick).ok_or(Rejected::Full)?;
+        let place = self.bricks.find_or_add(brick, &mut Near::default()).ok_or(Rejected::Full)?;
         Ok((place, voxel))
     }
 }
 
 /// Code of the brick that holds a voxel, and the voxel's number in it.
 #[inline]
-fn split(key: Key) -> (u64, usize) {
+pub(crate) fn split(key: Key) -> (u64, usize) {
     let code = morton::encode(key);
     (code >> BRICK_BITS, (code & ((1 << BRICK_BITS) - 1)) as usize)
 }

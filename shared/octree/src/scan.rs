@@ -2,9 +2,9 @@
 
 use crate::key::{Key, KeySpace};
 use crate::map::OctreeMap;
-use crate::marks::ScanMarks;
-use crate::morton;
-use crate::trace::{direction_and_length, trace};
+use crate::rays::Ray;
+use crate::trace::direction_and_length;
+use crate::window::Window;
 
 /// The points of one scan: `f32` metres in the map frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -77,26 +77,62 @@ impl OctreeMap {
     pub fn insert_scan(&mut self, scan: &Scan<'_>, options: &ScanOptions) -> ScanReport {
         let mut report = ScanReport::default();
         self.marks.clear();
-        if self.space().key(scan.origin).is_some() {
-            let space = *self.space();
-            let bounds = options.bounds.map(|bounds| KeyBounds::new(&space, bounds));
-            let mut caster = Caster {
-                space,
-                origin: scan.origin,
-                options: *options,
-                bounds,
-                marks: &mut self.marks,
-                report: &mut report,
-            };
-            caster.cast_all(scan);
+        if let Some(key) = self.space().key(scan.origin) {
+            self.cast_scan(scan, key, options, &mut report);
         } else {
             let points = (scan.hits.len() + scan.ground.len() + scan.misses.len()) as u32;
             let finite = scan.origin.iter().all(|c| c.is_finite());
             *(if finite { &mut report.outside } else { &mut report.not_finite }) = points;
         }
-        report.refused_bricks = self.marks.refused;
         self.apply_marks(&mut report);
         report
+    }
+
+    /// Marks what the rays of a scan pass and where they end.
+    fn cast_scan(&mut self, scan: &Scan<'_>, key: Key, options: &ScanOptions, report: &mut ScanReport) {
+        let bounds = options.bounds.map(|bounds| KeyBounds::new(&self.space, bounds));
+        self.rays.clear();
+        let mut sorter =
+            Sorter { space: &self.space, origin: scan.origin, options, bounds, rays: &mut self.rays, report };
+        let hits = sorter.add(scan.hits, End::Hit);
+        let ground = sorter.add(scan.ground, End::Ground);
+        sorter.add(scan.misses, End::Nothing);
+        let window = self.rays.iter().fold((key, key), |(min, max), ray| {
+            (
+                std::array::from_fn(|axis| min[axis].min(ray.key[axis])),
+                std::array::from_fn(|axis| max[axis].max(ray.key[axis])),
+            )
+        });
+        self.marks.start(Window::new(window.0, window.1));
+        self.mark_ends(hits, ground, options.discretize);
+        self.caster.cast(&self.space, scan.origin, key, &self.rays, &mut self.marks);
+        if let Some(bounds) = &bounds {
+            self.marks.limit(bounds.min, bounds.max);
+        }
+        report.refused_bricks = self.marks.refused;
+    }
+
+    /// Marks the ends of the rays, of which the first are hits and the next ground. Where only `first` rays to a voxel
+    /// count, takes the others out: they would mark the same voxels again.
+    fn mark_ends(&mut self, hits: usize, ground: usize, first: bool) {
+        let mut n = 0;
+        let mut marks = |ray: &Ray| {
+            let code = self.marks.window().code(ray.key);
+            n += 1;
+            if !ray.ends {
+                return true;
+            }
+            let is_first = if n <= hits { self.marks.mark_hit(code) } else { self.marks.mark_ground(code) };
+            is_first || !first
+        };
+        let _ = ground;
+        if first {
+            self.rays.retain(&mut marks);
+        } else {
+            self.rays.iter().for_each(|ray| {
+                marks(ray);
+            });
+        }
     }
 }
 
@@ -108,27 +144,28 @@ enum End {
     Nothing,
 }
 
-/// Casts the rays of one scan into its marks.
-struct Caster<'a> {
-    space: KeySpace,
+/// Turns points into rays.
+struct Sorter<'a> {
+    space: &'a KeySpace,
     origin: [f32; 3],
-    options: ScanOptions,
+    options: &'a ScanOptions,
     bounds: Option<KeyBounds>,
-    marks: &'a mut ScanMarks,
+    rays: &'a mut Vec<Ray>,
     report: &'a mut ScanReport,
 }
 
-impl Caster<'_> {
-    fn cast_all(&mut self, scan: &Scan<'_>) {
-        for (points, end) in [(scan.hits, End::Hit), (scan.ground, End::Ground), (scan.misses, End::Nothing)]
-        {
-            for &point in points {
-                self.cast(point, end);
-            }
+impl Sorter<'_> {
+    /// Adds the rays to points; gives their number.
+    fn add(&mut self, points: &[[f32; 3]], end: End) -> usize {
+        let before = self.rays.len();
+        for &point in points {
+            self.add_one(point, end);
         }
+        self.rays.len() - before
     }
 
-    fn cast(&mut self, mut point: [f32; 3], end: End) {
+    #[inline]
+    fn add_one(&mut self, mut point: [f32; 3], end: End) {
         if !point.iter().all(|c| c.is_finite()) {
             self.report.not_finite += 1;
             return;
@@ -139,53 +176,25 @@ impl Caster<'_> {
                 return;
             };
             point = self.space.centre(key).map(|c| c as f32);
-            let code = morton::encode(key);
-            // The same ray again would mark the same voxels.
-            let seen = if end == End::Hit { self.marks.is_hit(code) } else { self.marks.is_ground(code) };
-            if seen {
-                *(if end == End::Hit { &mut self.report.hits } else { &mut self.report.ground }) += 1;
-                return;
-            }
         }
         let (direction, length) = direction_and_length(self.origin, point);
+        let mut ends = end != End::Nothing;
         if let Some(range) = self.options.max_range.filter(|&range| length > range) {
-            let cut = std::array::from_fn(|axis| self.origin[axis] + direction[axis] * range as f32);
-            self.cast_to(cut, End::Nothing);
-        } else if self.bounds.is_none_or(|bounds| bounds.hold_point(point)) {
-            self.cast_to(point, end);
-        } else {
-            self.cast_to(point, End::Nothing);
+            point = std::array::from_fn(|axis| self.origin[axis] + direction[axis] * range as f32);
+            ends = false;
+        } else if self.bounds.is_some_and(|bounds| !bounds.hold_point(point)) {
+            ends = false;
         }
-    }
-
-    fn cast_to(&mut self, point: [f32; 3], end: End) {
-        let marks = &mut *self.marks;
-        let traced = match &self.bounds {
-            None => trace(&self.space, self.origin, point, |code| marks.mark_free(code)),
-            Some(bounds) => trace(&self.space, self.origin, point, |code| {
-                if bounds.hold_key(morton::decode(code)) {
-                    marks.mark_free(code);
-                }
-            }),
+        let Some(key) = self.space.key(point) else {
+            self.report.outside += 1;
+            return;
         };
-        match traced {
-            Some(last) => self.finish(last, end),
-            None => self.report.outside += 1,
-        }
-    }
-
-    fn finish(&mut self, last: u64, end: End) {
         match end {
-            End::Hit => {
-                self.marks.mark_hit(last);
-                self.report.hits += 1;
-            }
-            End::Ground => {
-                self.marks.mark_ground(last);
-                self.report.ground += 1;
-            }
-            End::Nothing => self.report.cleared += 1,
+            End::Hit if ends => self.report.hits += 1,
+            End::Ground if ends => self.report.ground += 1,
+            _ => self.report.cleared += 1,
         }
+        self.rays.push(Ray { end: point, key, ends });
     }
 }
 
@@ -204,9 +213,5 @@ impl KeyBounds {
 
     fn hold_point(&self, point: [f32; 3]) -> bool {
         (0..3).all(|axis| point[axis] >= self.points.min[axis] && point[axis] <= self.points.max[axis])
-    }
-
-    fn hold_key(&self, key: Key) -> bool {
-        (0..3).all(|axis| key[axis] >= self.min[axis] && key[axis] <= self.max[axis])
     }
 }

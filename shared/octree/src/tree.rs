@@ -2,7 +2,9 @@
 
 use evac_formats::octomap::{DEPTH, Node, OcTreeFile};
 
-use crate::bricks::{BRICK_VOXELS, Bricks};
+use crate::bricks::Bricks;
+use crate::directory::Near;
+use crate::mask::{self, BRICK_VOXELS};
 use crate::morton::BRICK_BITS;
 use crate::{MapConfig, MapError, OctreeMap, SensorModel};
 
@@ -22,7 +24,7 @@ impl OctreeMap {
     /// The octree that OctoMap would have after the same insertions. Ground flags have no place in it.
     pub fn to_tree(&self, pruning: Pruning) -> OcTreeFile {
         let mut sorted = self.bricks.sorted();
-        sorted.retain(|&(_, place)| self.bricks.get(place).known.iter().any(|&word| word != 0));
+        sorted.retain(|&(_, place)| !mask::is_empty(&self.bricks.known(place)));
         let mut writer = Writer { bricks: &self.bricks, prune: pruning == Pruning::Full, nodes: Vec::new() };
         if !sorted.is_empty() {
             writer.upper(&sorted, 0);
@@ -70,13 +72,13 @@ impl OctreeMap {
             return Err(too_large);
         }
         let start = (first & (BRICK_VOXELS as u64 - 1)) as usize;
+        let mask = mask::range(start, voxels);
+        let mut near = Near::default();
         for brick in 0..bricks {
-            let place = self.bricks.find_or_add((first >> BRICK_BITS) + brick).ok_or(too_large.clone())?;
-            let brick = self.bricks.get_mut(place);
-            brick.log_odds[start..start + voxels].fill(log_odds);
-            for voxel in start..start + voxels {
-                brick.known[voxel / 64] |= 1 << (voxel % 64);
-            }
+            let code = (first >> BRICK_BITS) + brick;
+            let place = self.bricks.find_or_add(code, &mut near).ok_or(too_large.clone())?;
+            let (store, index) = self.bricks.at_mut(place);
+            store.assign(index, &mask, log_odds);
         }
         self.known += voxels * bricks as usize;
         self.listed += voxels * bricks as usize;
@@ -114,14 +116,14 @@ impl Writer<'_> {
     /// The node above `length` voxels of a brick, of which at least one is known.
     fn lower(&mut self, place: u32, start: usize, length: usize) {
         if length == 1 {
-            let log_odds = self.bricks.get(place).log_odds[start];
+            let log_odds = self.bricks.value(place, start).unwrap_or(0.0);
             self.nodes.push(Node { log_odds, child_mask: 0 });
             return;
         }
         self.parent(|writer, child| {
             let part = length / 8;
             let from = start + child as usize * part;
-            let known = writer.bricks.get(place).known;
+            let known = writer.bricks.known(place);
             let any = match part {
                 64 => known[from / 64] != 0,
                 _ => known[from / 64] >> (from % 64) & ((1 << part) - 1) != 0,
