@@ -18,7 +18,8 @@ enum Form {
     /// All 512 have this state (as OctoMap prunes them to one leaf): no memory of their own.
     Uniform(State),
     Planes2(u32),
-    Planes4(u32),
+    /// Two blocks of two planes each, so that a brick that outgrows two planes leaves no gap behind.
+    Planes4([u32; 2]),
     Planes8(u32),
     Planes16(u32),
     /// The last resort where the palette is full.
@@ -78,7 +79,6 @@ pub(crate) struct Store {
     /// Slots without a brick.
     free: Vec<u32>,
     planes2: Arena<Planes<2>>,
-    planes4: Arena<Planes<4>>,
     planes8: Arena<Planes<8>>,
     planes16: Arena<Planes<16>>,
     floats: Arena<Floats>,
@@ -92,7 +92,6 @@ impl Store {
             slots: Vec::new(),
             free: Vec::new(),
             planes2: Arena::default(),
-            planes4: Arena::default(),
             planes8: Arena::default(),
             planes16: Arena::default(),
             floats: Arena::default(),
@@ -140,7 +139,7 @@ impl Store {
         let state = match self.slots[index as usize].form {
             Form::Uniform(state) => state,
             Form::Planes2(at) => planes::get(&self.planes2.get(at)[word], bit),
-            Form::Planes4(at) => planes::get(&self.planes4.get(at)[word], bit),
+            Form::Planes4(at) => planes::get(&word4(self.planes2.get(at[0]), self.planes2.get(at[1]), word), bit),
             Form::Planes8(at) => planes::get(&self.planes8.get(at)[word], bit),
             Form::Planes16(at) => planes::get(&self.planes16.get(at)[word], bit),
             Form::Floats(at) => {
@@ -166,7 +165,7 @@ impl Store {
             Form::Uniform(UNKNOWN) => [0; WORDS],
             Form::Uniform(_) => [u64::MAX; WORDS],
             Form::Planes2(at) => self.planes2.get(at).map(|word| planes::known(&word)),
-            Form::Planes4(at) => self.planes4.get(at).map(|word| planes::known(&word)),
+            Form::Planes4(at) => get4(&self.planes2, at).map(|word| planes::known(&word)),
             Form::Planes8(at) => self.planes8.get(at).map(|word| planes::known(&word)),
             Form::Planes16(at) => self.planes16.get(at).map(|word| planes::known(&word)),
             Form::Floats(at) => {
@@ -202,7 +201,7 @@ impl Store {
                 (0..WORDS).for_each(|word| visit(word, u64::MAX, self.palette.value(state)));
             }
             Form::Planes2(at) => groups(self.planes2.get(at), &self.palette, &mut visit),
-            Form::Planes4(at) => groups(self.planes4.get(at), &self.palette, &mut visit),
+            Form::Planes4(at) => groups(&get4(&self.planes2, at), &self.palette, &mut visit),
             Form::Planes8(at) => groups(self.planes8.get(at), &self.palette, &mut visit),
             Form::Planes16(at) => groups(self.planes16.get(at), &self.palette, &mut visit),
             Form::Floats(at) => {
@@ -283,7 +282,11 @@ impl Store {
         match self.slots[index as usize].form {
             Form::Uniform(_) => {}
             Form::Planes2(at) => all(self.planes2.get_mut(at), mask, state),
-            Form::Planes4(at) => all(self.planes4.get_mut(at), mask, state),
+            Form::Planes4(at) => {
+                let mut words = get4(&self.planes2, at);
+                all(&mut words, mask, state);
+                set4(&mut self.planes2, at, &words);
+            }
             Form::Planes8(at) => all(self.planes8.get_mut(at), mask, state),
             Form::Planes16(at) => all(self.planes16.get_mut(at), mask, state),
             Form::Floats(at) => {
@@ -360,7 +363,10 @@ impl Store {
                     update_words(self.planes2.get_mut(at), marks, palette, &mut from, &mut changed, new)
                 }
                 Form::Planes4(at) => {
-                    update_words(self.planes4.get_mut(at), marks, palette, &mut from, &mut changed, new)
+                    let mut words = get4(&self.planes2, at);
+                    let done = update_words(&mut words, marks, palette, &mut from, &mut changed, new);
+                    set4(&mut self.planes2, at, &words);
+                    done
                 }
                 Form::Planes8(at) => {
                     update_words(self.planes8.get_mut(at), marks, palette, &mut from, &mut changed, new)
@@ -397,20 +403,27 @@ impl Store {
                 _ => return,
             },
             4..16 => match old {
-                Form::Uniform(_) => Form::Planes4(self.planes4.add(filled(common))),
-                Form::Planes2(at) => Form::Planes4(self.planes4.add(widened(self.planes2.get(at)))),
+                Form::Uniform(_) => {
+                    let at = [self.planes2.add([[0; 2]; WORDS]), self.planes2.add([[0; 2]; WORDS])];
+                    set4(&mut self.planes2, at, &filled(common));
+                    Form::Planes4(at)
+                }
+                Form::Planes2(at) => {
+                    self.slots[index as usize].form = Form::Planes4([at, self.planes2.add([[0; 2]; WORDS])]);
+                    return;
+                }
                 _ => return,
             },
             16..256 => match old {
                 Form::Uniform(_) => Form::Planes8(self.planes8.add(filled(common))),
                 Form::Planes2(at) => Form::Planes8(self.planes8.add(widened(self.planes2.get(at)))),
-                Form::Planes4(at) => Form::Planes8(self.planes8.add(widened(self.planes4.get(at)))),
+                Form::Planes4(at) => Form::Planes8(self.planes8.add(widened(&get4(&self.planes2, at)))),
                 _ => return,
             },
             256.. => match old {
                 Form::Uniform(_) => Form::Planes16(self.planes16.add(filled(common))),
                 Form::Planes2(at) => Form::Planes16(self.planes16.add(widened(self.planes2.get(at)))),
-                Form::Planes4(at) => Form::Planes16(self.planes16.add(widened(self.planes4.get(at)))),
+                Form::Planes4(at) => Form::Planes16(self.planes16.add(widened(&get4(&self.planes2, at)))),
                 Form::Planes8(at) => Form::Planes16(self.planes16.add(widened(self.planes8.get(at)))),
                 _ => return,
             },
@@ -444,7 +457,7 @@ impl Store {
         let common = match form {
             Form::Uniform(_) | Form::Floats(_) => None,
             Form::Planes2(at) => common(self.planes2.get(at)),
-            Form::Planes4(at) => common(self.planes4.get(at)),
+            Form::Planes4(at) => common(&get4(&self.planes2, at)),
             Form::Planes8(at) => common(self.planes8.get(at)),
             Form::Planes16(at) => common(self.planes16.get(at)),
         };
@@ -458,7 +471,7 @@ impl Store {
         match form {
             Form::Uniform(_) => {}
             Form::Planes2(at) => self.planes2.remove(at),
-            Form::Planes4(at) => self.planes4.remove(at),
+            Form::Planes4(at) => at.into_iter().for_each(|at| self.planes2.remove(at)),
             Form::Planes8(at) => self.planes8.remove(at),
             Form::Planes16(at) => self.planes16.remove(at),
             Form::Floats(at) => self.floats.remove(at),
@@ -471,11 +484,31 @@ impl Store {
             + self.slots.capacity() * size_of::<Slot>()
             + self.free.capacity() * 4
             + self.planes2.memory_bytes()
-            + self.planes4.memory_bytes()
             + self.planes8.memory_bytes()
             + self.planes16.memory_bytes()
             + self.floats.memory_bytes()
             + self.ground.memory_bytes()
+    }
+}
+
+#[inline]
+fn word4(low: &Planes<2>, high: &Planes<2>, word: usize) -> [u64; 4] {
+    [low[word][0], low[word][1], high[word][0], high[word][1]]
+}
+
+#[inline]
+fn get4(blocks: &Arena<Planes<2>>, at: [u32; 2]) -> Planes<4> {
+    let [low, high] = at.map(|at| blocks.get(at));
+    std::array::from_fn(|word| word4(low, high, word))
+}
+
+#[inline]
+fn set4(blocks: &mut Arena<Planes<2>>, at: [u32; 2], words: &Planes<4>) {
+    for (half, at) in at.into_iter().enumerate() {
+        let block = blocks.get_mut(at);
+        for (word, planes) in block.iter_mut().zip(words) {
+            *word = [planes[2 * half], planes[2 * half + 1]];
+        }
     }
 }
 
