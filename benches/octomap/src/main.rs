@@ -33,6 +33,9 @@ struct Options {
     /// One ray to the centre of each end voxel (OctoMap: lazy and discretize).
     #[arg(long)]
     discretized: bool,
+    /// Threads that insert a scan into our map. Times are those of the calling thread.
+    #[arg(long, default_value_t = 1)]
+    threads: u32,
     /// Runs without OctoMap: only our figures.
     #[arg(long)]
     alone: bool,
@@ -45,6 +48,7 @@ struct Case {
     max_range: f64,
     discretized: bool,
     checkpoints: Vec<usize>,
+    threads: u32,
 }
 
 fn main() -> anyhow::Result<()> {
@@ -67,6 +71,7 @@ fn main() -> anyhow::Result<()> {
                 max_range: options.max_range,
                 discretized: options.discretized,
                 checkpoints: options.scans.clone(),
+                threads: options.threads,
             };
             run(&case, &scans, compare, &file, folder.path())?;
         }
@@ -88,11 +93,12 @@ fn run(
         let count = checkpoint.scans;
         let our_median = clock::median(&ours.times[..count]);
         print!(
-            "{:?} {} m, {}, {count} scans of {} points: {our_median:.2} ms, first {:.2} ms, map {:.2} MiB",
+            "{:?} {} m, {}, {count} scans of {} points: {our_median:.2} ms (wall {:.2}), first {:.2} ms, map {:.2} MiB",
             case.sensor,
             case.resolution,
             if case.discretized { "discretized" } else { "exact" },
             scans.iter().map(|scan| scan.points.len()).sum::<usize>() / scans.len().max(1),
+            clock::median(&ours.wall[..count]),
             ours.times.first().copied().unwrap_or(0.0),
             mib(checkpoint.map_bytes as f64),
         );

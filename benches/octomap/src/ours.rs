@@ -1,5 +1,7 @@
 //! The same work in our map.
 
+use std::time::Instant;
+
 use evac_octree::{MapConfig, MapError, OcTreeFile, OctreeMap, Pruning, Scan, ScanOptions};
 
 use crate::Case;
@@ -9,6 +11,8 @@ use crate::scans::Points;
 pub(crate) struct Run {
     /// Milliseconds a scan.
     pub(crate) times: Vec<f64>,
+    /// The same by the wall clock.
+    pub(crate) wall: Vec<f64>,
     pub(crate) checkpoints: Vec<Checkpoint>,
 }
 
@@ -19,18 +23,23 @@ pub(crate) struct Checkpoint {
 }
 
 pub(crate) fn run(case: &Case, scans: &[Points]) -> Result<Run, MapError> {
-    let mut map = OctreeMap::new(MapConfig { max_bricks: 4_000_000, ..MapConfig::new(case.resolution) })?;
+    let mut map = OctreeMap::new(MapConfig {
+        max_bricks: 4_000_000,
+        threads: case.threads,
+        ..MapConfig::new(case.resolution)
+    })?;
     let options = ScanOptions {
         max_range: Some(case.max_range),
         discretize: case.discretized,
         ..ScanOptions::default()
     };
-    let mut run = Run { times: Vec::with_capacity(scans.len()), checkpoints: Vec::new() };
+    let mut run = Run { times: Vec::with_capacity(scans.len()), wall: Vec::new(), checkpoints: Vec::new() };
     for (n, scan) in scans.iter().enumerate() {
         let scan = Scan { origin: scan.origin, hits: &scan.points, ..Scan::default() };
-        let start = thread_ms();
+        let (begin, start) = (Instant::now(), thread_ms());
         map.insert_scan(&scan, &options);
         run.times.push(thread_ms() - start);
+        run.wall.push(begin.elapsed().as_secs_f64() * 1e3);
         if case.checkpoints.contains(&(n + 1)) {
             let tree = map.to_tree(Pruning::Full);
             run.checkpoints.push(Checkpoint { scans: n + 1, map_bytes: map.memory_bytes(), tree });

@@ -3,6 +3,7 @@
 use evac_frames::Voxel;
 
 use crate::OctreeMap;
+use crate::bricks::split_place;
 use crate::mask::{Bits, Mask};
 use crate::voxels::frame;
 
@@ -51,11 +52,12 @@ impl Iterator for Changes<'_> {
                 self.left -= 1;
                 return Some(frame(code, self.map.bricks.value(place, voxel), &self.ground, voxel));
             }
-            let marked = self.map.marks.order.get(self.next)?;
+            let marked = self.map.marked.get(self.next)?;
             self.next += 1;
             self.brick = (marked.brick, marked.place);
             self.ground = self.map.bricks.ground(marked.place);
-            self.bits = Bits::of(*self.map.marks.free(marked.slot));
+            let (store, _) = split_place(marked.place);
+            self.bits = Bits::of(self.map.work[store].changed[marked.number as usize]);
         }
     }
 

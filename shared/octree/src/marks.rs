@@ -7,7 +7,8 @@ use crate::morton::{self, BRICK_BITS};
 use crate::window::Window;
 
 const VOXEL: u64 = (1 << BRICK_BITS) - 1;
-const NONE: u32 = 0;
+/// No slot, or no ends.
+pub(crate) const NONE: u32 = 0;
 
 /// The slot that takes the marks of bricks that are refused.
 const WASTE: u32 = 1;
@@ -30,14 +31,18 @@ pub(crate) struct Ends {
     pub(crate) ground: Mask,
 }
 
-/// A marked brick in Morton order.
+impl Ends {
+    pub(crate) fn is_empty(&self) -> bool {
+        mask::is_empty(&self.hit) && mask::is_empty(&self.ground)
+    }
+}
+
+/// What one scan says about a brick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Marked {
-    /// Morton code of the brick.
-    pub(crate) brick: u64,
-    pub(crate) slot: u32,
-    /// Where the brick is in the map.
-    pub(crate) place: u32,
+pub(crate) struct BrickMarks<'a> {
+    /// Passed by a ray, or the end of a ground ray.
+    pub(crate) free: &'a Mask,
+    pub(crate) ends: Option<&'a Ends>,
 }
 
 /// The marks of one scan.
@@ -54,8 +59,6 @@ pub(crate) struct ScanMarks {
     used: usize,
     ends: Vec<Ends>,
     used_ends: usize,
-    /// The marked bricks by ascending code.
-    pub(crate) order: Vec<Marked>,
     max: usize,
     /// Times that a brick was refused because the scan touches more than `max`.
     pub(crate) refused: u32,
@@ -74,7 +77,6 @@ impl ScanMarks {
             used: 2,
             ends: vec![Ends::default()],
             used_ends: 1,
-            order: Vec::new(),
             max: max.max(1 << 16) as usize,
             refused: 0,
         }
@@ -99,7 +101,6 @@ impl ScanMarks {
         }
         self.used = 2;
         self.used_ends = 1;
-        self.order.clear();
         self.refused = 0;
     }
 
@@ -234,22 +235,16 @@ impl ScanMarks {
         }
     }
 
-    /// Adds what another thread has marked in the same window.
-    pub(crate) fn merge(&mut self, other: &Self) {
+    /// Makes room for what another thread has marked in the same window; gives its slot for each of ours, [`NONE`] where
+    /// it has marked nothing.
+    pub(crate) fn join(&mut self, other: &Self, theirs: &mut Vec<u32>) {
+        theirs.clear();
         for slot in 2..other.used {
-            let info = other.infos[slot];
-            let own = self.slot(info.number);
-            for (word, more) in self.free[own as usize].iter_mut().zip(&other.free[slot]) {
-                *word |= more;
+            let own = self.slot(other.infos[slot].number) as usize;
+            if own >= theirs.len() {
+                theirs.resize(self.used.max(own + 1), NONE);
             }
-            if info.ends != NONE {
-                let theirs = other.ends[info.ends as usize];
-                let ends = self.ends_of(own);
-                for word in 0..WORDS {
-                    ends.hit[word] |= theirs.hit[word];
-                    ends.ground[word] |= theirs.ground[word];
-                }
-            }
+            theirs[own] = slot as u32;
         }
         self.refused = self.refused.saturating_add(other.refused);
     }
@@ -273,35 +268,25 @@ impl ScanMarks {
         }
     }
 
-    /// Puts the bricks in Morton order, so that what follows does not depend on the order of the points.
-    pub(crate) fn sort(&mut self) {
-        let window = self.window;
-        self.order.clear();
-        let marked = self.infos[..self.used].iter().zip(&self.free).enumerate().skip(2);
-        // A brick may hold a hit only, or nothing where a box limits the scan.
-        let marked = marked.filter(|(_, (info, free))| info.ends != NONE || !mask::is_empty(free));
-        self.order.extend(marked.map(|(slot, (info, _))| Marked {
-            brick: window.brick_code(info.number),
-            slot: slot as u32,
-            place: 0,
-        }));
-        self.order.sort_unstable_by_key(|marked| marked.brick);
-    }
-
-    /// The free voxels of a slot, or after the update the changed ones.
+    /// The free voxels of a slot.
     #[inline]
     pub(crate) fn free(&self, slot: u32) -> &Mask {
         &self.free[slot as usize]
     }
 
-    /// The same, to be written, with the slot's ends.
+    /// The ends of rays in a slot's brick.
     #[inline]
-    pub(crate) fn free_and_ends(&mut self, slot: u32) -> (&mut Mask, Option<&Ends>) {
-        let ends = match self.infos[slot as usize].ends {
+    pub(crate) fn ends(&self, slot: u32) -> Option<&Ends> {
+        match self.infos[slot as usize].ends {
             NONE => None,
             index => self.ends.get(index as usize),
-        };
-        (&mut self.free[slot as usize], ends)
+        }
+    }
+
+    /// All slots with the Morton codes of their bricks.
+    pub(crate) fn bricks(&self) -> impl Iterator<Item = (u32, u64)> {
+        let infos = self.infos[..self.used].iter().enumerate().skip(2);
+        infos.map(|(slot, info)| (slot as u32, self.window.brick_code(info.number)))
     }
 
     /// Bytes that are kept from scan to scan.
@@ -310,7 +295,6 @@ impl ScanMarks {
             + self.free.capacity() * size_of::<Mask>()
             + self.infos.capacity() * size_of::<Info>()
             + self.ends.capacity() * size_of::<Ends>()
-            + self.order.capacity() * size_of::<Marked>()
     }
 }
 

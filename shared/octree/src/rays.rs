@@ -6,7 +6,8 @@
 //! before, no step has to ask whether it is the last, and afterwards it is checked that the walk has arrived. The rare
 //! ray that rounding has carried past its end is walked again, voxel by voxel, with OctoMap's own rule for stopping.
 
-use crate::marks::ScanMarks;
+use crate::marks::{NONE, ScanMarks};
+use crate::mask::Mask;
 use crate::morton;
 use crate::trace::{direction_and_length, trace};
 use crate::window::Window;
@@ -49,9 +50,11 @@ struct Buffers {
 }
 
 /// What all rays of a scan share.
-struct Origin {
+#[derive(Debug)]
+pub(crate) struct Origin {
     space: KeySpace,
     point: [f32; 3],
+    key: Key,
     window: Window,
     codes: [u64; 3],
     masks: [u64; 3],
@@ -80,28 +83,12 @@ impl Caster {
     }
 
     /// Marks the voxels that the rays pass through, without those of their ends.
-    pub(crate) fn cast(&mut self, space: &KeySpace, origin: [f32; 3], key: Key, rays: &[Ray], marks: &mut ScanMarks) {
-        let window = *marks.window();
-        let from = Origin {
-            space: *space,
-            point: origin,
-            window,
-            codes: [0, 1, 2].map(|axis| window.axis_code(key, axis)),
-            masks: window.masks(),
-            steps: [0, 1, 2].map(|axis| [window.step(axis, false), window.step(axis, true)]),
-            borders: [0, 1, 2].map(|axis| {
-                [-1.0, 1.0].map(|sign: f64| {
-                    // OctoMap rounds half a voxel to f32 here.
-                    let half = f64::from((sign * space.resolution() * 0.5) as f32);
-                    space.axis_centre(key[axis]) + half - f64::from(origin[axis])
-                })
-            }),
-        };
+    pub(crate) fn cast(&mut self, from: &Origin, rays: &[Ray], marks: &mut ScanMarks) {
         for batch in rays.chunks(BATCH) {
             self.order.clear();
             for (n, ray) in batch.iter().enumerate() {
-                let steps = (0..3).map(|axis| u32::from(ray.key[axis].abs_diff(key[axis]))).sum::<u32>();
-                if steps > MAX_STEPS || !window.is_dense() {
+                let steps = (0..3).map(|axis| u32::from(ray.key[axis].abs_diff(from.key[axis]))).sum::<u32>();
+                if steps > MAX_STEPS || !from.window.is_dense() {
                     from.walk(ray, marks);
                 } else if steps > 0 {
                     self.order.push((steps, n as u32));
@@ -119,6 +106,51 @@ impl Caster {
                 from.cast_group(&group, batch, &mut self.buffers, marks);
             }
         }
+    }
+}
+
+/// What a further thread needs.
+#[derive(Debug)]
+pub(crate) struct Helper {
+    caster: Caster,
+    marks: ScanMarks,
+    /// Its slots by those of the calling thread, [`NONE`] where it has none.
+    slots: Vec<u32>,
+}
+
+impl Helper {
+    pub(crate) fn new(max_bricks: u32) -> Self {
+        Self { caster: Caster::default(), marks: ScanMarks::new(max_bricks), slots: Vec::new() }
+    }
+
+    pub(crate) fn cast(&mut self, from: &Origin, rays: &[Ray]) {
+        self.marks.start(from.window);
+        self.caster.cast(from, rays, &mut self.marks);
+    }
+
+    /// Forgets the last scan.
+    pub(crate) fn clear(&mut self) {
+        self.marks.clear();
+        self.slots.clear();
+    }
+
+    /// Says which of its slots belong to those of the calling thread.
+    pub(crate) fn join(&mut self, marks: &mut ScanMarks, bounds: Option<(Key, Key)>) {
+        if let Some((min, max)) = bounds {
+            self.marks.limit(min, max);
+        }
+        marks.join(&self.marks, &mut self.slots);
+    }
+
+    /// The free voxels of a slot of the calling thread's marks.
+    #[inline]
+    pub(crate) fn free(&self, slot: u32) -> Option<&Mask> {
+        let own = self.slots.get(slot as usize).copied().filter(|&own| own != NONE)?;
+        Some(self.marks.free(own))
+    }
+
+    pub(crate) fn memory_bytes(&self) -> usize {
+        self.caster.memory_bytes() + self.marks.memory_bytes() + self.slots.capacity() * 4
     }
 }
 
@@ -163,6 +195,26 @@ fn mask(condition: bool) -> u64 {
 }
 
 impl Origin {
+    /// The `point` in the voxel `key`, for rays that stay within a window.
+    pub(crate) fn new(space: &KeySpace, point: [f32; 3], key: Key, window: &Window) -> Self {
+        Self {
+            space: *space,
+            point,
+            key,
+            window: *window,
+            codes: [0, 1, 2].map(|axis| window.axis_code(key, axis)),
+            masks: window.masks(),
+            steps: [0, 1, 2].map(|axis| [window.step(axis, false), window.step(axis, true)]),
+            borders: [0, 1, 2].map(|axis| {
+                [-1.0, 1.0].map(|sign: f64| {
+                    // OctoMap rounds half a voxel to f32 here.
+                    let half = f64::from((sign * space.resolution() * 0.5) as f32);
+                    space.axis_centre(key[axis]) + half - f64::from(point[axis])
+                })
+            }),
+        }
+    }
+
     fn cast_group(&self, group: &[(u32, u32); LANES], batch: &[Ray], buffers: &mut Buffers, marks: &mut ScanMarks) {
         let rays = group.map(|(_, index)| &batch[index as usize]);
         let (mut lanes, lengths) = self.lanes(rays);

@@ -2,7 +2,7 @@
 
 use crate::key::{Key, KeySpace};
 use crate::map::OctreeMap;
-use crate::rays::Ray;
+use crate::rays::{Helper, Origin, Ray};
 use crate::trace::direction_and_length;
 use crate::window::Window;
 
@@ -77,6 +77,7 @@ impl OctreeMap {
     pub fn insert_scan(&mut self, scan: &Scan<'_>, options: &ScanOptions) -> ScanReport {
         let mut report = ScanReport::default();
         self.marks.clear();
+        self.helpers.iter_mut().for_each(Helper::clear);
         if let Some(key) = self.space().key(scan.origin) {
             self.cast_scan(scan, key, options, &mut report);
         } else {
@@ -84,7 +85,7 @@ impl OctreeMap {
             let finite = scan.origin.iter().all(|c| c.is_finite());
             *(if finite { &mut report.outside } else { &mut report.not_finite }) = points;
         }
-        self.apply_marks(&mut report);
+        self.apply_marks(options.bounds.is_some(), &mut report);
         report
     }
 
@@ -97,17 +98,28 @@ impl OctreeMap {
         let hits = sorter.add(scan.hits, End::Hit);
         let ground = sorter.add(scan.ground, End::Ground);
         sorter.add(scan.misses, End::Nothing);
-        let window = self.rays.iter().fold((key, key), |(min, max), ray| {
-            (
-                std::array::from_fn(|axis| min[axis].min(ray.key[axis])),
-                std::array::from_fn(|axis| max[axis].max(ray.key[axis])),
-            )
-        });
-        self.marks.start(Window::new(window.0, window.1));
+        self.marks.start(window_of(key, &self.rays));
         self.mark_ends(hits, ground, options.discretize);
-        self.caster.cast(&self.space, scan.origin, key, &self.rays, &mut self.marks);
-        if let Some(bounds) = &bounds {
-            self.marks.limit(bounds.min, bounds.max);
+        let from = Origin::new(&self.space, scan.origin, key, self.marks.window());
+        if self.helpers.is_empty() {
+            self.caster.cast(&from, &self.rays, &mut self.marks);
+        } else {
+            let share = self.rays.len().div_ceil(self.threads).max(1);
+            let mut shares = self.rays.chunks(share);
+            let own = shares.next().unwrap_or_default();
+            std::thread::scope(|scope| {
+                for (helper, rays) in self.helpers.iter_mut().zip(shares) {
+                    scope.spawn(|| helper.cast(&from, rays));
+                }
+                self.caster.cast(&from, own, &mut self.marks);
+            });
+        }
+        let bounds = bounds.map(|bounds| (bounds.min, bounds.max));
+        if let Some((min, max)) = bounds {
+            self.marks.limit(min, max);
+        }
+        for helper in &mut self.helpers {
+            helper.join(&mut self.marks, bounds);
         }
         report.refused_bricks = self.marks.refused;
     }
@@ -134,6 +146,20 @@ impl OctreeMap {
             });
         }
     }
+}
+
+/// The box that the walks of the rays stay in.
+fn window_of(origin: Key, rays: &[Ray]) -> Window {
+    // Rounding may carry a walk past its end, as far as the ray's length reaches: into a neighbour of the end's voxel.
+    const MARGIN: u16 = 2;
+    let (mut min, mut max) = (origin, origin);
+    for ray in rays {
+        for axis in 0..3 {
+            min[axis] = min[axis].min(ray.key[axis]);
+            max[axis] = max[axis].max(ray.key[axis]);
+        }
+    }
+    Window::new(min.map(|axis| axis.saturating_sub(MARGIN)), max.map(|axis| axis.saturating_add(MARGIN)))
 }
 
 /// What the end of a ray says about its voxel.

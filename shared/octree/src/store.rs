@@ -2,7 +2,8 @@
 
 use crate::SensorModel;
 use crate::arena::Arena;
-use crate::mask::{BRICK_VOXELS, Mask, WORDS};
+use crate::marks::{BrickMarks, Ends};
+use crate::mask::{self, BRICK_VOXELS, Mask, WORDS};
 use crate::palette::{Palette, State, UNKNOWN, Update};
 use crate::planes::{self, Overflow};
 
@@ -60,14 +61,6 @@ impl std::ops::AddAssign for Sums {
         self.listed += other.listed;
         self.changed += other.changed;
     }
-}
-
-/// What one scan says about a brick.
-pub(crate) struct BrickMarks<'a> {
-    /// Passed by a ray, or the end of a ground ray; afterwards the voxels with a new value or flag.
-    pub(crate) free: &'a mut Mask,
-    /// Ends of rays and of ground rays.
-    pub(crate) ends: Option<(&'a Mask, &'a Mask)>,
 }
 
 /// Bricks by index, with the palette that their states belong to. A map has several, so that threads can update one
@@ -255,7 +248,7 @@ impl Store {
             None => {
                 let at = self.make_floats(index);
                 let floats = self.floats.get_mut(at);
-                crate::mask::Bits::of(*mask).for_each(|voxel| floats[voxel] = value);
+                mask::Bits::of(*mask).for_each(|voxel| floats[voxel] = value);
             }
         }
     }
@@ -292,40 +285,45 @@ impl Store {
             Form::Floats(at) => {
                 let value = if state == UNKNOWN { f32::NAN } else { self.palette.value(state) };
                 let floats = self.floats.get_mut(at);
-                crate::mask::Bits::of(*mask).for_each(|voxel| floats[voxel] = value);
+                mask::Bits::of(*mask).for_each(|voxel| floats[voxel] = value);
             }
         }
         self.collapse(index);
     }
 
-    /// Updates each marked voxel once; `marks.free` becomes the voxels with a new value or flag. A voxel with a hit in
-    /// it is not cleared by the rays that pass it.
-    pub(crate) fn update(&mut self, index: u32, marks: BrickMarks<'_>, scan: u32, revision: u32) -> Sums {
-        let BrickMarks { free, ends } = marks;
-        let none = [0; WORDS];
-        let (hit, ground) = ends.unwrap_or((&none, &none));
+    /// Updates each marked voxel once, and says which have a new value or flag. A voxel with a hit in it is not cleared by
+    /// the rays that pass it. `stamps` are the numbers of the scan and of the change.
+    pub(crate) fn update(
+        &mut self,
+        index: u32,
+        marks: BrickMarks<'_>,
+        changed: &mut Mask,
+        (scan, revision): (u32, u32),
+    ) -> Sums {
         self.slots[index as usize].seen = scan;
-        let mut sums = Sums::default();
-        for (free, hit) in free.iter_mut().zip(hit) {
-            *free &= !hit;
-            sums.free += free.count_ones();
-            sums.occupied += hit.count_ones();
-        }
         let old_ground = self.ground(index);
-        let mut flagged = [0; WORDS];
-        if ends.is_some() && !crate::mask::is_empty(ground) {
-            flagged = std::array::from_fn(|word| ground[word] & !old_ground[word]);
-            self.add_ground(index, ground);
+        let mut sums = Sums::default();
+        let mut new = [0; WORDS];
+        if let Some(Ends { hit, ground }) = marks.ends {
+            let free = std::array::from_fn(|word| marks.free[word] & !hit[word]);
+            sums.free = mask::count(&free) as u32;
+            sums.occupied = mask::count(hit) as u32;
+            let hit = (sums.occupied > 0).then_some(hit);
+            *changed = self.update_values(index, &free, hit, &mut new);
+            if !mask::is_empty(ground) {
+                self.add_ground(index, ground);
+                for word in 0..WORDS {
+                    changed[word] |= ground[word] & !old_ground[word];
+                }
+            }
+        } else {
+            sums.free = mask::count(marks.free) as u32;
+            *changed = self.update_values(index, marks.free, None, &mut new);
         }
-        let has_hits = ends.is_some() && !crate::mask::is_empty(hit);
-        let mut new = none;
-        let changed = self.update_values(index, free, has_hits.then_some(hit), &mut new);
-        for word in 0..WORDS {
-            let changed = changed[word] | flagged[word];
-            free[word] = changed;
-            sums.changed += changed.count_ones();
-            sums.new += new[word].count_ones();
-            sums.listed += (new[word] & !old_ground[word]).count_ones();
+        sums.changed = mask::count(changed) as u32;
+        for (new, ground) in new.iter().zip(&old_ground) {
+            sums.new += new.count_ones();
+            sums.listed += (new & !ground).count_ones();
         }
         if sums.changed > 0 {
             self.slots[index as usize].revision = revision;

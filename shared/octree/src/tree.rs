@@ -37,7 +37,7 @@ impl OctreeMap {
     /// # Errors
     /// [`MapError::TooLarge`] before more than `max_bricks` bricks are taken, and as [`OctreeMap::new`].
     pub fn from_tree(tree: &OcTreeFile, sensor: SensorModel, max_bricks: u32) -> Result<Self, MapError> {
-        let mut map = Self::new(MapConfig { resolution: tree.resolution(), sensor, max_bricks })?;
+        let mut map = Self::new(MapConfig { sensor, max_bricks, ..MapConfig::new(tree.resolution()) })?;
         // Children that are still to come, and the code, of each open ancestor.
         let mut open: Vec<(u8, u64)> = Vec::with_capacity(DEPTH);
         for node in tree.nodes() {
