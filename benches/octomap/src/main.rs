@@ -93,7 +93,7 @@ fn run(
         let count = checkpoint.scans;
         let our_median = clock::median(&ours.times[..count]);
         print!(
-            "{:?} {} m, {}, {count} scans of {} points: {our_median:.2} ms (wall {:.2}), first {:.2} ms, map {:.2} MiB",
+            "{:?} {} m, {}, {count} scans of {} points: {our_median:.2} ms (wall {:.2}), first {:.2} ms, map {:.2} MiB ({:.2} in use)",
             case.sensor,
             case.resolution,
             if case.discretized { "discretized" } else { "exact" },
@@ -101,6 +101,7 @@ fn run(
             clock::median(&ours.wall[..count]),
             ours.times.first().copied().unwrap_or(0.0),
             mib(checkpoint.map_bytes as f64),
+            mib(checkpoint.used_bytes as f64),
         );
         if let Some(figures) = &theirs {
             let times = &their_times[..count.min(their_times.len())];

@@ -18,7 +18,9 @@ pub(crate) struct Run {
 
 pub(crate) struct Checkpoint {
     pub(crate) scans: usize,
+    /// Held, and of these in use.
     pub(crate) map_bytes: usize,
+    pub(crate) used_bytes: usize,
     pub(crate) tree: OcTreeFile,
 }
 
@@ -42,7 +44,7 @@ pub(crate) fn run(case: &Case, scans: &[Points]) -> Result<Run, MapError> {
         run.wall.push(begin.elapsed().as_secs_f64() * 1e3);
         if case.checkpoints.contains(&(n + 1)) {
             let tree = map.to_tree(Pruning::Full);
-            run.checkpoints.push(Checkpoint { scans: n + 1, map_bytes: map.memory_bytes(), tree });
+            run.checkpoints.push(Checkpoint { scans: n + 1, map_bytes: map.memory_bytes(), used_bytes: map.memory_bytes() - map.free_bytes(), tree });
         }
     }
     Ok(run)

@@ -7,7 +7,8 @@ use crate::map::OctreeMap;
 use crate::marks::{BrickMarks, ScanMarks};
 use crate::mask::{self, Mask, WORDS};
 use crate::rays::Helper;
-use crate::store::{Store, Sums};
+use crate::palette::Palette;
+use crate::store::{Missing, Store, Sums};
 
 /// A marked brick in Morton order.
 #[derive(Clone, Copy, Debug)]
@@ -30,23 +31,48 @@ pub(crate) struct StoreWork {
     /// The voxels with a new value or flag.
     pub(crate) changed: Vec<Mask>,
     sums: Sums,
+    /// Those of `bricks` that have to wait until the palette knows their new values.
+    waiting: Vec<u32>,
 }
 
 impl StoreWork {
-    fn run(&mut self, store: &mut Store, marks: Joined<'_>, scan: u32, revision: u32) {
+    /// Updates the bricks as far as the palette knows the values.
+    fn run(&mut self, store: &mut Store, marks: Joined<'_>, stamps: (u32, u32), palette: &Palette) {
         self.sums = Sums::default();
         self.changed.clear();
-        for &(slot, index) in &self.bricks {
+        self.waiting.clear();
+        for (number, &(slot, index)) in self.bricks.iter().enumerate() {
             let mut changed = [0; WORDS];
             let free = marks.free(slot);
             let marks = BrickMarks { free: &free, ends: marks.marks.ends(slot) };
-            self.sums += store.update(index, marks, &mut changed, (scan, revision));
+            match store.update(index, marks, &mut changed, stamps, palette) {
+                Ok(sums) => self.sums += sums,
+                Err(Missing(..)) => self.waiting.push(number as u32),
+            }
             self.changed.push(changed);
+        }
+    }
+
+    /// Updates the others, which gives the palette their values.
+    fn finish(&mut self, store: &mut Store, marks: Joined<'_>, stamps: (u32, u32), palette: &mut Palette) {
+        for &number in &self.waiting {
+            let (slot, index) = self.bricks[number as usize];
+            let changed = &mut self.changed[number as usize];
+            let free = marks.free(slot);
+            let marks = BrickMarks { free: &free, ends: marks.marks.ends(slot) };
+            self.sums += loop {
+                match store.update(index, marks, changed, stamps, palette) {
+                    Ok(sums) => break sums,
+                    Err(Missing(state, update)) if palette.compute(state, update) => {}
+                    Err(Missing(..)) => store.make_floats(index, palette),
+                }
+            };
         }
     }
 
     pub(crate) fn memory_bytes(&self) -> usize {
         self.bricks.capacity() * size_of::<(u32, u32)>() + self.changed.capacity() * size_of::<Mask>()
+            + self.waiting.capacity() * 4
     }
 }
 
@@ -103,11 +129,13 @@ impl OctreeMap {
             true
         });
         let marks = Joined { marks: &self.marks, helpers: &self.helpers };
-        let (scan, revision) = (self.scan, self.revision);
+        let stamps = (self.scan, self.revision);
         let share = SHARDS.div_ceil(self.threads);
-        let mut shares = self.work.chunks_mut(share).zip(self.bricks.stores_mut().chunks_mut(share));
+        let (stores, palette) = self.bricks.stores_mut();
+        let mut shares = self.work.chunks_mut(share).zip(stores.chunks_mut(share));
+        let known = &*palette;
         let run = |(works, stores): (&mut [StoreWork], &mut [Store])| {
-            works.iter_mut().zip(stores).for_each(|(work, store)| work.run(store, marks, scan, revision));
+            works.iter_mut().zip(stores).for_each(|(work, store)| work.run(store, marks, stamps, known));
         };
         let own = shares.next();
         if self.threads == 1 {
@@ -120,6 +148,7 @@ impl OctreeMap {
                 own.map(run);
             });
         }
+        self.work.iter_mut().zip(stores).for_each(|(work, store)| work.finish(store, marks, stamps, palette));
         let mut sums = Sums::default();
         self.work.iter().for_each(|work| sums += work.sums);
         report.free_voxels = sums.free;

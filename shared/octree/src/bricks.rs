@@ -2,6 +2,7 @@
 
 use crate::directory::{Directory, NOWHERE, Near};
 use crate::mask::Mask;
+use crate::palette::Palette;
 use crate::store::Store;
 use crate::SensorModel;
 
@@ -17,6 +18,7 @@ pub(crate) const SHARDS: usize = 1 << SHARD_BITS;
 pub(crate) struct Bricks {
     directory: Directory,
     stores: Vec<Store>,
+    palette: Palette,
     max: u32,
 }
 
@@ -28,8 +30,12 @@ pub(crate) fn split_place(place: u32) -> (usize, u32) {
 
 impl Bricks {
     pub(crate) fn new(max: u32, sensor: SensorModel) -> Self {
-        let store = Store::new(sensor);
-        Self { directory: Directory::default(), stores: vec![store; SHARDS], max: max.min(NOWHERE >> SHARD_BITS) }
+        Self {
+            directory: Directory::default(),
+            stores: vec![Store::default(); SHARDS],
+            palette: Palette::new(sensor),
+            max: max.min(NOWHERE >> SHARD_BITS),
+        }
     }
 
     pub(crate) fn len(&self) -> u32 {
@@ -42,7 +48,12 @@ impl Bricks {
 
     /// Bytes held, the directory included.
     pub(crate) fn memory_bytes(&self) -> usize {
-        self.directory.memory_bytes() + self.stores.iter().map(Store::memory_bytes).sum::<usize>()
+        self.directory.memory_bytes() + self.palette.memory_bytes() + self.stores.iter().map(Store::memory_bytes).sum::<usize>()
+    }
+
+    /// Bytes held that hold nothing now.
+    pub(crate) fn free_bytes(&self) -> usize {
+        self.stores.iter().map(Store::free_bytes).sum()
     }
 
     /// Place of the brick; it never moves.
@@ -98,16 +109,29 @@ impl Bricks {
         (&mut self.stores[shard], index)
     }
 
-    /// All stores, for threads.
-    pub(crate) fn stores_mut(&mut self) -> &mut [Store] {
-        &mut self.stores
+    /// All stores, for threads, and what their states mean.
+    pub(crate) fn stores_mut(&mut self) -> (&mut [Store], &mut Palette) {
+        (&mut self.stores, &mut self.palette)
+    }
+
+    /// What the states in the stores mean.
+    #[inline]
+    pub(crate) fn palette(&self) -> &Palette {
+        &self.palette
+    }
+
+    /// Gives voxels of a brick one value.
+    pub(crate) fn assign(&mut self, place: u32, mask: &Mask, value: f32, revision: u32) {
+        let (shard, index) = split_place(place);
+        self.stores[shard].assign(index, mask, value, &mut self.palette);
+        self.stores[shard].set_revision(index, revision);
     }
 
     /// Log-odds of a brick's voxel; `None` where it is unknown.
     #[inline]
     pub(crate) fn value(&self, place: u32, voxel: usize) -> Option<f32> {
         let (store, index) = self.at(place);
-        store.value(index, voxel)
+        store.value(index, voxel, &self.palette)
     }
 
     /// The voxels with a value.

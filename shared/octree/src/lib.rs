@@ -8,7 +8,6 @@
 //! is an addition; see [`SensorModel`].
 
 mod apply;
-mod arena;
 mod bricks;
 mod cast;
 mod changes;
@@ -19,6 +18,7 @@ mod map;
 mod marks;
 mod mask;
 mod morton;
+mod numbers;
 mod palette;
 mod planes;
 mod rays;
@@ -27,6 +27,7 @@ mod sensor;
 mod store;
 mod trace;
 mod tree;
+mod units;
 mod voxels;
 mod window;
 

@@ -120,6 +120,11 @@ impl OctreeMap {
         self.bricks.memory_bytes()
     }
 
+    /// Those of [`Self::memory_bytes`] that hold nothing at present and are used again before more are taken.
+    pub fn free_bytes(&self) -> usize {
+        self.bricks.free_bytes()
+    }
+
     /// Bytes that are kept from scan to scan to work in. Grows with the largest scan, not with the map.
     pub fn scratch_bytes(&self) -> usize {
         self.marks.memory_bytes()
@@ -159,9 +164,7 @@ impl OctreeMap {
             self.listed += usize::from(!has(&self.bricks.ground(place), voxel));
         }
         self.revision = self.revision.wrapping_add(1);
-        let (store, index) = self.bricks.at_mut(place);
-        store.assign(index, &range(voxel, 1), log_odds);
-        store.set_revision(index, self.revision);
+        self.bricks.assign(place, &range(voxel, 1), log_odds, self.revision);
         Ok(())
     }
 

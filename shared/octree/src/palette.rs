@@ -1,7 +1,5 @@
 //! The log-odds values that occur, numbered: a voxel is kept as the number of its value.
 
-use rustc_hash::FxHashMap;
-
 use crate::SensorModel;
 
 /// Number of a value in a [`Palette`].
@@ -21,40 +19,26 @@ pub(crate) enum Update {
 
 /// Exact `f32` values by number, and which value follows which.
 ///
-/// A value gets its number when it first occurs, so that the few values that almost all voxels have get small numbers,
-/// which need few bits. Updates never compute a sum twice: the first time a value is missed (hit), the number of the
-/// sum is kept.
+/// A value gets its number when it first occurs, so that the values that a map begins with have the smallest. Updates
+/// never compute a sum twice: the first time a value is missed (hit), the number of the sum is kept.
 #[derive(Clone, Debug)]
 pub(crate) struct Palette {
     sensor: SensorModel,
     values: Vec<f32>,
-    /// By state; [`UNKNOWN`] where not yet computed.
-    missed: Vec<State>,
-    struck: Vec<State>,
-    states: FxHashMap<u32, State>,
+    /// By state, after a miss and after a hit; [`UNKNOWN`] where not yet computed.
+    next: Vec<[State; 2]>,
+    /// States by the hash of their value: open addressing, a power of two long, at most half full.
+    table: Vec<State>,
 }
 
 impl Palette {
     pub(crate) fn new(sensor: SensorModel) -> Self {
-        let mut palette = Self {
-            sensor,
-            values: vec![0.0],
-            missed: vec![UNKNOWN],
-            struck: vec![UNKNOWN],
-            states: FxHashMap::default(),
-        };
-        // Seen once, hit once and surely free fit into two bits; what follows when one goes on into four.
-        let (miss, hit) = (sensor.missed(0.0), sensor.struck(0.0));
-        palette.state(miss);
-        palette.state(hit);
-        palette.state(sensor.clamp_min);
-        palette.state(sensor.clamp_max);
-        let (mut free, mut occupied) = (miss, hit);
-        for _ in 0..4 {
-            (free, occupied) = (sensor.missed(free), sensor.struck(occupied));
-            palette.state(free);
-            palette.state(occupied);
+        let mut palette = Self { sensor, values: vec![0.0], next: vec![[UNKNOWN; 2]], table: vec![UNKNOWN; 64] };
+        // Seen once, hit once and surely free fit into two bits.
+        for update in [Update::Miss, Update::Hit] {
+            palette.compute(UNKNOWN, update);
         }
+        palette.state(sensor.clamp_min);
         palette
     }
 
@@ -64,32 +48,30 @@ impl Palette {
         self.values[usize::from(state)]
     }
 
-    /// All values, by state.
-    pub(crate) fn values(&self) -> &[f32] {
-        &self.values
-    }
-
     /// The state of a value, bit by bit; `None` where there are 65,535 others already.
     pub(crate) fn state(&mut self, value: f32) -> Option<State> {
-        if let Some(&state) = self.states.get(&value.to_bits()) {
-            return Some(state);
+        let mut entry = self.home(value);
+        loop {
+            match self.table[entry] {
+                UNKNOWN => break,
+                state if self.value(state).to_bits() == value.to_bits() => return Some(state),
+                _ => entry = (entry + 1) & (self.table.len() - 1),
+            }
         }
         let state = State::try_from(self.values.len()).ok()?;
         self.values.push(value);
-        self.missed.push(UNKNOWN);
-        self.struck.push(UNKNOWN);
-        self.states.insert(value.to_bits(), state);
+        self.next.push([UNKNOWN; 2]);
+        self.table[entry] = state;
+        if self.values.len() * 2 > self.table.len() {
+            self.grow();
+        }
         Some(state)
     }
 
-    /// The state after an update; `None` where its value has no number any more.
+    /// The state after an update; [`UNKNOWN`] where it was never [computed](Self::compute).
     #[inline]
-    pub(crate) fn next(&mut self, state: State, update: Update) -> Option<State> {
-        let known = match update {
-            Update::Miss => self.missed[usize::from(state)],
-            Update::Hit => self.struck[usize::from(state)],
-        };
-        if known == UNKNOWN { self.compute(state, update) } else { Some(known) }
+    pub(crate) fn next(&self, state: State, update: Update) -> State {
+        self.next[usize::from(state)][update as usize]
     }
 
     /// The value after an update.
@@ -100,21 +82,34 @@ impl Palette {
         }
     }
 
+    /// Computes what follows a state; `false` where its value has no number any more.
     #[cold]
-    fn compute(&mut self, state: State, update: Update) -> Option<State> {
-        let next = self.state(self.updated(self.value(state), update))?;
-        match update {
-            Update::Miss => self.missed[usize::from(state)] = next,
-            Update::Hit => self.struck[usize::from(state)] = next,
-        }
-        Some(next)
+    pub(crate) fn compute(&mut self, state: State, update: Update) -> bool {
+        let Some(next) = self.state(self.updated(self.value(state), update)) else { return false };
+        self.next[usize::from(state)][update as usize] = next;
+        true
     }
 
     /// Bytes held.
     pub(crate) fn memory_bytes(&self) -> usize {
-        self.values.capacity() * 4
-            + (self.missed.capacity() + self.struck.capacity()) * size_of::<State>()
-            + crate::directory::table_bytes(self.states.capacity(), size_of::<(u32, State)>())
+        self.values.capacity() * 4 + self.next.capacity() * 4 + self.table.capacity() * 2
+    }
+
+    fn grow(&mut self) {
+        self.table = vec![UNKNOWN; self.table.len() * 2];
+        for state in 1..self.values.len() {
+            let mut entry = self.home(self.values[state]);
+            while self.table[entry] != UNKNOWN {
+                entry = (entry + 1) & (self.table.len() - 1);
+            }
+            self.table[entry] = state as State;
+        }
+    }
+
+    /// First entry to look at: the high bits of a Fibonacci hash.
+    fn home(&self, value: f32) -> usize {
+        let hash = u64::from(value.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (hash >> (64 - self.table.len().trailing_zeros())) as usize
     }
 }
 
@@ -131,7 +126,8 @@ mod tests {
         for n in 0..500_u32 {
             let update = if n.wrapping_mul(2_654_435_761) >> 30 == 0 { Update::Hit } else { Update::Miss };
             value = palette.updated(value, update);
-            state = palette.next(state, update).unwrap();
+            assert!(palette.next(state, update) != UNKNOWN || palette.compute(state, update));
+            state = palette.next(state, update);
             assert_eq!(palette.value(state).to_bits(), value.to_bits());
             assert_eq!(palette.state(value), Some(state));
         }
@@ -139,17 +135,19 @@ mod tests {
 
     #[test]
     fn what_a_first_scan_leaves_fits_into_two_bits() {
-        let mut palette = Palette::new(SensorModel::default());
-        assert!(palette.next(UNKNOWN, Update::Miss).unwrap() < 4);
-        assert!(palette.next(UNKNOWN, Update::Hit).unwrap() < 4);
+        let palette = Palette::new(SensorModel::default());
+        assert!((1..4).contains(&palette.next(UNKNOWN, Update::Miss)));
+        assert!((1..4).contains(&palette.next(UNKNOWN, Update::Hit)));
     }
 
     #[test]
-    fn a_full_palette_says_so() {
+    fn a_full_palette_says_so_and_keeps_what_it_has() {
         let mut palette = Palette::new(SensorModel::default());
         let numbered = (0..70_000_u32).filter(|n| palette.state(1.0 + *n as f32 * 1e-4).is_some()).count();
-        assert_eq!(palette.values().len(), 65_536);
-        assert!(numbered < 65_536);
-        assert!(palette.state(palette.value(7)).is_some());
+        assert!(numbered > 65_000 && numbered < 65_536);
+        assert_eq!(palette.state(palette.value(7)), Some(7));
+        let last = palette.state(1.0).unwrap();
+        assert!(!palette.compute(last, Update::Miss));
+        assert_eq!(palette.next(last, Update::Miss), UNKNOWN);
     }
 }

@@ -1,28 +1,29 @@
-//! The voxels of bricks, each brick in the smallest of six forms that holds it exactly.
+//! The voxels of bricks, each brick in as few bits as it has different values, exactly.
 
-use crate::SensorModel;
-use crate::arena::Arena;
 use crate::marks::{BrickMarks, Ends};
-use crate::mask::{self, BRICK_VOXELS, Mask, WORDS};
+use crate::mask::{self, Mask, WORDS};
+use crate::numbers::{MAX_ENTRIES, Numbers, Stop, set_state, state_of, table_units};
 use crate::palette::{Palette, State, UNKNOWN, Update};
-use crate::planes::{self, Overflow};
+use crate::planes;
+use crate::units::{Unit, Units};
 
-/// A brick of P bit planes: 64 P bytes.
-type Planes<const P: usize> = [[u64; P]; WORDS];
+/// Planes of a brick whose numbers are the first states of the palette.
+const FEW: usize = 2;
 
-/// NaN where unknown.
-type Floats = [f32; BRICK_VOXELS];
+/// Planes of a brick whose numbers are states, any of them.
+const ALL: usize = 16;
 
-/// Where a brick's voxels are.
+/// Units of a brick of plain values: 512 `f32`, two a word, NaN where unknown.
+const FLOATS: usize = 32;
+
+/// Where a brick's voxels are, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Form {
     /// All 512 have this state (as OctoMap prunes them to one leaf): no memory of their own.
     Uniform(State),
-    Planes2(u32),
-    /// Two blocks of two planes each, so that a brick that outgrows two planes leaves no gap behind.
-    Planes4([u32; 2]),
-    Planes8(u32),
-    Planes16(u32),
+    /// Bit planes of numbers, and behind them a table of the states of `entries` numbers; without entries a number is a
+    /// state.
+    Planes { planes: u8, entries: u8, at: u32 },
     /// The last resort where the palette is full.
     Floats(u32),
 }
@@ -33,7 +34,7 @@ const NO_GROUND: u32 = u32::MAX;
 #[derive(Clone, Copy, Debug)]
 struct Slot {
     form: Form,
-    /// Index of the ground flags or [`NO_GROUND`].
+    /// Unit of the ground flags or [`NO_GROUND`].
     ground: u32,
     /// Number of the last scan that marked the brick.
     seen: u32,
@@ -63,35 +64,20 @@ impl std::ops::AddAssign for Sums {
     }
 }
 
-/// Bricks by index, with the palette that their states belong to. A map has several, so that threads can update one
-/// each.
-#[derive(Clone, Debug)]
+/// The palette does not know yet what follows a state: [`Palette::compute`] it and try again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Missing(pub(crate) State, pub(crate) Update);
+
+/// Bricks by index. A map has several stores, so that threads can update one each.
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Store {
-    palette: Palette,
     slots: Vec<Slot>,
     /// Slots without a brick.
     free: Vec<u32>,
-    planes2: Arena<Planes<2>>,
-    planes8: Arena<Planes<8>>,
-    planes16: Arena<Planes<16>>,
-    floats: Arena<Floats>,
-    ground: Arena<Mask>,
+    units: Units,
 }
 
 impl Store {
-    pub(crate) fn new(sensor: SensorModel) -> Self {
-        Self {
-            palette: Palette::new(sensor),
-            slots: Vec::new(),
-            free: Vec::new(),
-            planes2: Arena::default(),
-            planes8: Arena::default(),
-            planes16: Arena::default(),
-            floats: Arena::default(),
-            ground: Arena::default(),
-        }
-    }
-
     /// Index of a new brick of which nothing is known.
     pub(crate) fn add(&mut self) -> u32 {
         let slot = Slot { form: Form::Uniform(UNKNOWN), ground: NO_GROUND, seen: 0, revision: 0 };
@@ -105,12 +91,8 @@ impl Store {
 
     /// Forgets a brick and gives its memory back.
     pub(crate) fn remove(&mut self, index: u32) {
-        self.release(self.slots[index as usize].form);
-        let ground = std::mem::replace(&mut self.slots[index as usize].ground, NO_GROUND);
-        if ground != NO_GROUND {
-            self.ground.remove(ground);
-        }
-        self.slots[index as usize].form = Form::Uniform(UNKNOWN);
+        self.set_form(index, Form::Uniform(UNKNOWN));
+        self.remove_ground(index, &[u64::MAX; WORDS]);
         self.free.push(index);
     }
 
@@ -127,27 +109,26 @@ impl Store {
 
     /// Log-odds of a voxel; `None` where it is unknown.
     #[inline]
-    pub(crate) fn value(&self, index: u32, voxel: usize) -> Option<f32> {
-        let (word, bit) = (voxel / 64, (voxel % 64) as u32);
+    pub(crate) fn value(&self, index: u32, voxel: usize, palette: &Palette) -> Option<f32> {
         let state = match self.slots[index as usize].form {
             Form::Uniform(state) => state,
-            Form::Planes2(at) => planes::get(&self.planes2.get(at)[word], bit),
-            Form::Planes4(at) => planes::get(&word4(self.planes2.get(at[0]), self.planes2.get(at[1]), word), bit),
-            Form::Planes8(at) => planes::get(&self.planes8.get(at)[word], bit),
-            Form::Planes16(at) => planes::get(&self.planes16.get(at)[word], bit),
+            Form::Planes { planes, entries, at } => {
+                let (planes, table) = self.parts(planes, entries, at);
+                state_of(table, planes::get(planes, voxel))
+            }
             Form::Floats(at) => {
-                let value = self.floats.get(at)[voxel];
+                let value = self.float(at, voxel);
                 return (!value.is_nan()).then_some(value);
             }
         };
-        (state != UNKNOWN).then(|| self.palette.value(state))
+        (state != UNKNOWN).then(|| palette.value(state))
     }
 
     /// The value that all 512 voxels have, where they are known and have one.
     #[inline]
-    pub(crate) fn uniform(&self, index: u32) -> Option<f32> {
+    pub(crate) fn uniform(&self, index: u32, palette: &Palette) -> Option<f32> {
         match self.slots[index as usize].form {
-            Form::Uniform(state) if state != UNKNOWN => Some(self.palette.value(state)),
+            Form::Uniform(state) if state != UNKNOWN => Some(palette.value(state)),
             _ => None,
         }
     }
@@ -157,49 +138,32 @@ impl Store {
         match self.slots[index as usize].form {
             Form::Uniform(UNKNOWN) => [0; WORDS],
             Form::Uniform(_) => [u64::MAX; WORDS],
-            Form::Planes2(at) => self.planes2.get(at).map(|word| planes::known(&word)),
-            Form::Planes4(at) => get4(&self.planes2, at).map(|word| planes::known(&word)),
-            Form::Planes8(at) => self.planes8.get(at).map(|word| planes::known(&word)),
-            Form::Planes16(at) => self.planes16.get(at).map(|word| planes::known(&word)),
-            Form::Floats(at) => {
-                let values = self.floats.get(at);
-                std::array::from_fn(|word| {
-                    (0..64).fold(0, |bits, bit| bits | u64::from(!values[word * 64 + bit].is_nan()) << bit)
-                })
-            }
+            Form::Planes { planes, at, .. } => planes::nonzero(self.units.run(at, planes.into())),
+            Form::Floats(at) => std::array::from_fn(|word| {
+                (0..64).fold(0, |bits, bit| bits | u64::from(!self.float(at, word * 64 + bit).is_nan()) << bit)
+            }),
         }
     }
 
-    /// Calls `visit` with each value of a brick and the voxels that have it: word by word, a group of equal voxels at a
-    /// time.
+    /// Calls `visit` with each value of a brick and voxels that have it: a word's equal voxels at a time.
     #[inline]
-    pub(crate) fn for_each_value(&self, index: u32, mut visit: impl FnMut(usize, u64, f32)) {
-        fn groups<const P: usize>(
-            words: &Planes<P>,
-            palette: &Palette,
-            visit: &mut impl FnMut(usize, u64, f32),
-        ) {
-            for (word, planes) in words.iter().enumerate() {
-                let mut left = planes::known(planes);
-                while left != 0 {
-                    let (same, state) = planes::alike(planes, left, left.trailing_zeros());
-                    left &= !same;
-                    visit(word, same, palette.value(state));
-                }
-            }
-        }
+    pub(crate) fn for_each_value(&self, index: u32, palette: &Palette, mut visit: impl FnMut(usize, u64, f32)) {
         match self.slots[index as usize].form {
             Form::Uniform(UNKNOWN) => {}
-            Form::Uniform(state) => {
-                (0..WORDS).for_each(|word| visit(word, u64::MAX, self.palette.value(state)));
+            Form::Uniform(state) => (0..WORDS).for_each(|word| visit(word, u64::MAX, palette.value(state))),
+            Form::Planes { planes, entries, at } => {
+                let (planes, table) = self.parts(planes, entries, at);
+                for (word, mut left) in planes::nonzero(planes).into_iter().enumerate() {
+                    while left != 0 {
+                        let (same, number) = planes::alike(planes, word, left);
+                        left &= !same;
+                        visit(word, same, palette.value(state_of(table, number)));
+                    }
+                }
             }
-            Form::Planes2(at) => groups(self.planes2.get(at), &self.palette, &mut visit),
-            Form::Planes4(at) => groups(&get4(&self.planes2, at), &self.palette, &mut visit),
-            Form::Planes8(at) => groups(self.planes8.get(at), &self.palette, &mut visit),
-            Form::Planes16(at) => groups(self.planes16.get(at), &self.palette, &mut visit),
             Form::Floats(at) => {
-                for (voxel, value) in self.floats.get(at).iter().enumerate().filter(|(_, v)| !v.is_nan()) {
-                    visit(voxel / 64, 1 << (voxel % 64), *value);
+                for voxel in mask::Bits::of(self.known(index)) {
+                    visit(voxel / 64, 1 << (voxel % 64), self.float(at, voxel));
                 }
             }
         }
@@ -210,7 +174,7 @@ impl Store {
     pub(crate) fn ground(&self, index: u32) -> Mask {
         match self.slots[index as usize].ground {
             NO_GROUND => [0; WORDS],
-            at => *self.ground.get(at),
+            at => self.units.run(at, 1)[0],
         }
     }
 
@@ -218,12 +182,11 @@ impl Store {
     pub(crate) fn add_ground(&mut self, index: u32, flags: &Mask) {
         let slot = &mut self.slots[index as usize];
         if slot.ground == NO_GROUND {
-            slot.ground = self.ground.add(*flags);
-            return;
+            slot.ground = self.units.add(1);
+            self.units.run_mut(slot.ground, 1)[0] = [0; WORDS];
         }
-        for (word, more) in self.ground.get_mut(slot.ground).iter_mut().zip(flags) {
-            *word |= more;
-        }
+        let ground = &mut self.units.run_mut(slot.ground, 1)[0];
+        ground.iter_mut().zip(flags).for_each(|(word, more)| *word |= more);
     }
 
     /// Takes the ground flag from voxels.
@@ -232,23 +195,24 @@ impl Store {
         if slot.ground == NO_GROUND {
             return;
         }
-        let ground = self.ground.get_mut(slot.ground);
-        for (word, less) in ground.iter_mut().zip(flags) {
-            *word &= !less;
-        }
-        if *ground == [0; WORDS] {
-            self.ground.remove(std::mem::replace(&mut slot.ground, NO_GROUND));
+        let ground = &mut self.units.run_mut(slot.ground, 1)[0];
+        ground.iter_mut().zip(flags).for_each(|(word, less)| *word &= !less);
+        if mask::is_empty(ground) {
+            self.units.remove(std::mem::replace(&mut slot.ground, NO_GROUND), 1);
         }
     }
 
     /// Gives the voxels of `mask` one value.
-    pub(crate) fn assign(&mut self, index: u32, mask: &Mask, value: f32) {
-        match self.palette.state(value) {
+    pub(crate) fn assign(&mut self, index: u32, mask: &Mask, value: f32, palette: &mut Palette) {
+        if matches!(self.slots[index as usize].form, Form::Floats(_)) {
+            self.put_floats(index, mask, value);
+            return;
+        }
+        match palette.state(value) {
             Some(state) => self.put(index, mask, state),
             None => {
-                let at = self.make_floats(index);
-                let floats = self.floats.get_mut(at);
-                mask::Bits::of(*mask).for_each(|voxel| floats[voxel] = value);
+                self.make_floats(index, palette);
+                self.put_floats(index, mask, value);
             }
         }
     }
@@ -256,51 +220,25 @@ impl Store {
     /// Forgets value and flag of the voxels of `mask`.
     pub(crate) fn erase(&mut self, index: u32, mask: &Mask) {
         self.remove_ground(index, mask);
-        self.put(index, mask, UNKNOWN);
-    }
-
-    fn put(&mut self, index: u32, mask: &Mask, state: State) {
-        if *mask == [u64::MAX; WORDS] {
-            self.release(self.slots[index as usize].form);
-            self.slots[index as usize].form = Form::Uniform(state);
-            return;
-        }
-        if self.slots[index as usize].form == Form::Uniform(state) {
-            return;
-        }
-        self.make_room(index, state);
-        fn all<const P: usize>(words: &mut Planes<P>, mask: &Mask, state: State) {
-            words.iter_mut().zip(mask).for_each(|(word, mask)| planes::put(word, *mask, state));
-        }
         match self.slots[index as usize].form {
-            Form::Uniform(_) => {}
-            Form::Planes2(at) => all(self.planes2.get_mut(at), mask, state),
-            Form::Planes4(at) => {
-                let mut words = get4(&self.planes2, at);
-                all(&mut words, mask, state);
-                set4(&mut self.planes2, at, &words);
-            }
-            Form::Planes8(at) => all(self.planes8.get_mut(at), mask, state),
-            Form::Planes16(at) => all(self.planes16.get_mut(at), mask, state),
-            Form::Floats(at) => {
-                let value = if state == UNKNOWN { f32::NAN } else { self.palette.value(state) };
-                let floats = self.floats.get_mut(at);
-                mask::Bits::of(*mask).for_each(|voxel| floats[voxel] = value);
-            }
+            Form::Floats(_) => self.put_floats(index, mask, f32::NAN),
+            _ => self.put(index, mask, UNKNOWN),
         }
-        self.collapse(index);
     }
 
     /// Updates each marked voxel once, and says which have a new value or flag. A voxel with a hit in it is not cleared by
     /// the rays that pass it. `stamps` are the numbers of the scan and of the change.
+    ///
+    /// # Errors
+    /// [`Missing`] with the brick as it was.
     pub(crate) fn update(
         &mut self,
         index: u32,
         marks: BrickMarks<'_>,
         changed: &mut Mask,
         (scan, revision): (u32, u32),
-    ) -> Sums {
-        self.slots[index as usize].seen = scan;
+        palette: &Palette,
+    ) -> Result<Sums, Missing> {
         let old_ground = self.ground(index);
         let mut sums = Sums::default();
         let mut new = [0; WORDS];
@@ -309,7 +247,7 @@ impl Store {
             sums.free = mask::count(&free) as u32;
             sums.occupied = mask::count(hit) as u32;
             let hit = (sums.occupied > 0).then_some(hit);
-            *changed = self.update_values(index, &free, hit, &mut new);
+            *changed = self.update_values(index, &free, hit, palette, &mut new)?;
             if !mask::is_empty(ground) {
                 self.add_ground(index, ground);
                 for word in 0..WORDS {
@@ -318,251 +256,301 @@ impl Store {
             }
         } else {
             sums.free = mask::count(marks.free) as u32;
-            *changed = self.update_values(index, marks.free, None, &mut new);
+            *changed = self.update_values(index, marks.free, None, palette, &mut new)?;
         }
         sums.changed = mask::count(changed) as u32;
         for (new, ground) in new.iter().zip(&old_ground) {
             sums.new += new.count_ones();
             sums.listed += (new & !ground).count_ones();
         }
+        let slot = &mut self.slots[index as usize];
+        slot.seen = scan;
         if sums.changed > 0 {
-            self.slots[index as usize].revision = revision;
+            slot.revision = revision;
         }
-        sums
+        Ok(sums)
     }
 
     /// Gives the voxels with a new value, and in `new` those that were unknown.
-    fn update_values(&mut self, index: u32, free: &Mask, hit: Option<&Mask>, new: &mut Mask) -> Mask {
+    fn update_values(
+        &mut self,
+        index: u32,
+        free: &Mask,
+        hit: Option<&Mask>,
+        palette: &Palette,
+        new: &mut Mask,
+    ) -> Result<Mask, Missing> {
         if let (Form::Uniform(state), None) = (self.slots[index as usize].form, hit) {
-            let next = self.palette.next(state, Update::Miss);
-            if next == Some(state) {
-                return [0; WORDS];
+            let next = palette.next(state, Update::Miss);
+            if next == UNKNOWN {
+                return Err(Missing(state, Update::Miss));
             }
-            if let (Some(next), true) = (next, *free == [u64::MAX; WORDS]) {
+            if next == state {
+                return Ok([0; WORDS]);
+            }
+            if *free == [u64::MAX; WORDS] {
                 self.slots[index as usize].form = Form::Uniform(next);
                 if state == UNKNOWN {
                     *new = *free;
                 }
-                return *free;
+                return Ok(*free);
             }
         }
-        let mut changed = [0; WORDS];
-        let mut from = 0;
+        let none = [0; WORDS];
+        let marks = (free, hit.unwrap_or(&none));
+        // Numbers that a second rebuilding in one update must make room for.
+        let mut capacity = 0;
         loop {
-            let none = [0; WORDS];
-            let marks = (free, hit.unwrap_or(&none));
-            let palette = &mut self.palette;
-            let overflow = match self.slots[index as usize].form {
+            let (planes, entries, at) = match self.slots[index as usize].form {
                 Form::Uniform(state) => {
-                    self.make_room(index, state.max(1));
+                    self.expand(index, state);
                     continue;
                 }
-                Form::Planes2(at) => {
-                    update_words(self.planes2.get_mut(at), marks, palette, &mut from, &mut changed, new)
-                }
-                Form::Planes4(at) => {
-                    let mut words = get4(&self.planes2, at);
-                    let done = update_words(&mut words, marks, palette, &mut from, &mut changed, new);
-                    set4(&mut self.planes2, at, &words);
-                    done
-                }
-                Form::Planes8(at) => {
-                    update_words(self.planes8.get_mut(at), marks, palette, &mut from, &mut changed, new)
-                }
-                Form::Planes16(at) => {
-                    update_words(self.planes16.get_mut(at), marks, palette, &mut from, &mut changed, new)
-                }
-                Form::Floats(at) => {
-                    update_floats(self.floats.get_mut(at), marks, palette, from, &mut changed, new);
-                    Ok(())
-                }
+                Form::Floats(at) => return Ok(self.update_floats(at, marks, palette, new)),
+                Form::Planes { planes, entries, at } => (planes, entries, at),
             };
-            match overflow {
-                Ok(()) => break,
-                Err(Overflow::State(state)) => self.make_room(index, state),
-                Err(Overflow::Palette) => {
-                    self.make_floats(index);
+            let mut changed = [0; WORDS];
+            let brick = self.units.run_mut(at, run_length(planes, entries));
+            let done = match planes {
+                2 => update_planes::<2>(brick, entries, marks, palette, &mut changed, new),
+                3 => update_planes::<3>(brick, entries, marks, palette, &mut changed, new),
+                4 => update_planes::<4>(brick, entries, marks, palette, &mut changed, new),
+                5 => update_planes::<5>(brick, entries, marks, palette, &mut changed, new),
+                6 => update_planes::<6>(brick, entries, marks, palette, &mut changed, new),
+                7 => update_planes::<7>(brick, entries, marks, palette, &mut changed, new),
+                _ => update_planes::<ALL>(brick, entries, marks, palette, &mut changed, new),
+            };
+            match done {
+                Ok(entries) => {
+                    self.slots[index as usize].form = Form::Planes { planes, entries, at };
+                    if !mask::is_empty(&changed) {
+                        self.collapse(index);
+                    }
+                    return Ok(changed);
                 }
+                Err(Stop::Missing(state, update)) => return Err(Missing(state, update)),
+                Err(Stop::Room) => capacity = 2 * self.rebuild(index, capacity),
             }
         }
-        if changed != [0; WORDS] {
+    }
+
+    fn put(&mut self, index: u32, mask: &Mask, state: State) {
+        if *mask == [u64::MAX; WORDS] {
+            self.set_form(index, Form::Uniform(state));
+            return;
+        }
+        loop {
+            let (planes, entries, at) = match self.slots[index as usize].form {
+                Form::Uniform(common) if common == state => return,
+                Form::Uniform(common) => {
+                    self.expand(index, common);
+                    continue;
+                }
+                Form::Floats(_) => return,
+                Form::Planes { planes, entries, at } => (planes, entries, at),
+            };
+            let (brick, table) =
+                self.units.run_mut(at, run_length(planes, entries)).split_at_mut(planes.into());
+            let limit = 1_usize << planes;
+            let known = (0..entries).map(u16::from).find(|&number| state_of(table, number) == state);
+            let number = match known {
+                _ if entries == 0 => Some(state).filter(|state| usize::from(*state) < limit),
+                None if usize::from(entries) < limit => {
+                    set_state(table, entries.into(), state);
+                    self.slots[index as usize].form = Form::Planes { planes, entries: entries + 1, at };
+                    Some(u16::from(entries))
+                }
+                known => known,
+            };
+            let Some(number) = number else {
+                self.rebuild(index, 0);
+                continue;
+            };
+            for (word, mask) in mask.iter().enumerate() {
+                planes::put(brick, word, *mask, number);
+            }
             self.collapse(index);
+            return;
         }
-        changed
     }
 
-    /// Gives a brick planes enough for a state, and planes at all.
-    fn make_room(&mut self, index: u32, state: State) {
-        let old = self.slots[index as usize].form;
-        let common = if let Form::Uniform(common) = old { common } else { 0 };
-        self.slots[index as usize].form = match state.max(common) {
-            0..4 => match old {
-                Form::Uniform(_) => Form::Planes2(self.planes2.add(filled(common))),
-                _ => return,
-            },
-            4..16 => match old {
-                Form::Uniform(_) => {
-                    let at = [self.planes2.add([[0; 2]; WORDS]), self.planes2.add([[0; 2]; WORDS])];
-                    set4(&mut self.planes2, at, &filled(common));
-                    Form::Planes4(at)
-                }
-                Form::Planes2(at) => {
-                    self.slots[index as usize].form = Form::Planes4([at, self.planes2.add([[0; 2]; WORDS])]);
-                    return;
-                }
-                _ => return,
-            },
-            16..256 => match old {
-                Form::Uniform(_) => Form::Planes8(self.planes8.add(filled(common))),
-                Form::Planes2(at) => Form::Planes8(self.planes8.add(widened(self.planes2.get(at)))),
-                Form::Planes4(at) => Form::Planes8(self.planes8.add(widened(&get4(&self.planes2, at)))),
-                _ => return,
-            },
-            256.. => match old {
-                Form::Uniform(_) => Form::Planes16(self.planes16.add(filled(common))),
-                Form::Planes2(at) => Form::Planes16(self.planes16.add(widened(self.planes2.get(at)))),
-                Form::Planes4(at) => Form::Planes16(self.planes16.add(widened(&get4(&self.planes2, at)))),
-                Form::Planes8(at) => Form::Planes16(self.planes16.add(widened(self.planes8.get(at)))),
-                _ => return,
-            },
-        };
-        self.release(old);
+    /// Gives the brick planes, in which all voxels have one state.
+    fn expand(&mut self, index: u32, state: State) {
+        let (planes, entries, number) =
+            if usize::from(state) < 1 << FEW { (FEW as u8, 0, state) } else { (3, 2, 1) };
+        let at = self.units.add(run_length(planes, entries));
+        let (brick, table) = self.units.run_mut(at, run_length(planes, entries)).split_at_mut(planes.into());
+        (0..WORDS).for_each(|word| planes::put(brick, word, u64::MAX, number));
+        set_state(table, 0, UNKNOWN);
+        set_state(table, 1, state);
+        self.slots[index as usize].form = Form::Planes { planes, entries, at };
     }
 
-    /// Gives a brick plain values; their index.
-    fn make_floats(&mut self, index: u32) -> u32 {
-        let old = self.slots[index as usize].form;
-        if let Form::Floats(at) = old {
-            return at;
+    /// Numbers the states that do occur anew, in planes that hold at least `capacity` numbers and in any case a few more
+    /// than there are. Gives how many they hold.
+    fn rebuild(&mut self, index: u32, capacity: usize) -> usize {
+        let Form::Planes { planes, entries, at } = self.slots[index as usize].form else { return 0 };
+        let (old, table) = self.parts(planes, entries, at);
+        let numbers = if entries == 0 { 1 << planes } else { u16::from(entries) };
+        let (mut states, mut live) = ([UNKNOWN; MAX_ENTRIES], 1);
+        let mut fresh = [[0; WORDS]; ALL];
+        let mut masks = [[0; WORDS]; MAX_ENTRIES];
+        for number in 1..numbers {
+            let voxels = planes::equal(old, number);
+            if !mask::is_empty(&voxels) {
+                (states[live], masks[live]) = (state_of(table, number), voxels);
+                live += 1;
+            }
         }
-        let mut floats = [f32::NAN; BRICK_VOXELS];
-        self.for_each_value(index, |word, mask, value| {
-            (0..64).filter(|bit| mask >> bit & 1 != 0).for_each(|bit| floats[word * 64 + bit] = value);
-        });
-        let at = self.floats.add(floats);
-        self.release(old);
-        self.slots[index as usize].form = Form::Floats(at);
-        at
+        let capacity = capacity.max(live + (live / 4).max(2));
+        let bits = capacity.next_power_of_two().trailing_zeros().max(3) as usize;
+        let (planes, entries) = if 1 << bits <= MAX_ENTRIES { (bits, live as u8) } else { (ALL, 0) };
+        for number in 1..live {
+            let written = if entries == 0 { states[number] } else { number as u16 };
+            for (word, voxels) in masks[number].iter().enumerate() {
+                planes::put(&mut fresh[..planes], word, *voxels, written);
+            }
+        }
+        let at = self.units.add(run_length(planes as u8, entries));
+        let (brick, table) = self.units.run_mut(at, run_length(planes as u8, entries)).split_at_mut(planes);
+        brick.copy_from_slice(&fresh[..planes]);
+        for (number, state) in states[..usize::from(entries)].iter().enumerate() {
+            set_state(table, number, *state);
+        }
+        self.set_form(index, Form::Planes { planes: planes as u8, entries, at });
+        1 << planes
     }
 
     /// Frees the planes of a brick whose voxels have all become equal.
     fn collapse(&mut self, index: u32) {
-        fn common<const P: usize>(words: &Planes<P>) -> Option<State> {
-            let state = planes::uniform(&words[0])?;
-            words.iter().all(|word| *word == words[0]).then_some(state)
-        }
-        let form = self.slots[index as usize].form;
-        let common = match form {
-            Form::Uniform(_) | Form::Floats(_) => None,
-            Form::Planes2(at) => common(self.planes2.get(at)),
-            Form::Planes4(at) => common(&get4(&self.planes2, at)),
-            Form::Planes8(at) => common(self.planes8.get(at)),
-            Form::Planes16(at) => common(self.planes16.get(at)),
-        };
-        if let Some(state) = common {
-            self.release(form);
-            self.slots[index as usize].form = Form::Uniform(state);
+        if let Form::Planes { planes, entries, at } = self.slots[index as usize].form {
+            let (planes, table) = self.parts(planes, entries, at);
+            if let Some(number) = planes::uniform(planes) {
+                self.set_form(index, Form::Uniform(state_of(table, number)));
+            }
         }
     }
 
-    fn release(&mut self, form: Form) {
-        match form {
-            Form::Uniform(_) => {}
-            Form::Planes2(at) => self.planes2.remove(at),
-            Form::Planes4(at) => at.into_iter().for_each(|at| self.planes2.remove(at)),
-            Form::Planes8(at) => self.planes8.remove(at),
-            Form::Planes16(at) => self.planes16.remove(at),
-            Form::Floats(at) => self.floats.remove(at),
+    /// Gives a brick plain values, because the palette has no numbers left.
+    pub(crate) fn make_floats(&mut self, index: u32, palette: &Palette) {
+        if matches!(self.slots[index as usize].form, Form::Floats(_)) {
+            return;
         }
+        let at = self.units.add(FLOATS);
+        let mut values = [f32::NAN; mask::BRICK_VOXELS];
+        self.for_each_value(index, palette, |word, voxels, value| {
+            (0..64).filter(|bit| voxels >> bit & 1 != 0).for_each(|bit| values[word * 64 + bit] = value);
+        });
+        self.set_form(index, Form::Floats(at));
+        for (voxel, value) in values.into_iter().enumerate() {
+            self.set_float(at, voxel, value);
+        }
+    }
+
+    fn put_floats(&mut self, index: u32, mask: &Mask, value: f32) {
+        if let Form::Floats(at) = self.slots[index as usize].form {
+            mask::Bits::of(*mask).for_each(|voxel| self.set_float(at, voxel, value));
+        }
+    }
+
+    fn update_floats(&mut self, at: u32, (free, hit): (&Mask, &Mask), palette: &Palette, new: &mut Mask) -> Mask {
+        let mut changed = [0; WORDS];
+        for (mask, update) in [(free, Update::Miss), (hit, Update::Hit)] {
+            for voxel in mask::Bits::of(*mask) {
+                let value = self.float(at, voxel);
+                let old = if value.is_nan() { 0.0 } else { value };
+                let next = palette.updated(old, update);
+                if value.is_nan() {
+                    mask::set(new, voxel);
+                }
+                if value.is_nan() || next != old {
+                    mask::set(&mut changed, voxel);
+                    self.set_float(at, voxel, next);
+                }
+            }
+        }
+        changed
+    }
+
+    fn float(&self, at: u32, voxel: usize) -> f32 {
+        let word = self.units.run(at, FLOATS)[voxel / 16][voxel / 2 % 8];
+        f32::from_bits((word >> (32 * (voxel % 2))) as u32)
+    }
+
+    fn set_float(&mut self, at: u32, voxel: usize, value: f32) {
+        let (word, shift) = (&mut self.units.run_mut(at, FLOATS)[voxel / 16][voxel / 2 % 8], 32 * (voxel % 2));
+        *word = *word & !(0xffff_ffff << shift) | u64::from(value.to_bits()) << shift;
+    }
+
+    /// A brick's planes and its table.
+    #[inline]
+    fn parts(&self, planes: u8, entries: u8, at: u32) -> (&[Unit], &[Unit]) {
+        self.units.run(at, run_length(planes, entries)).split_at(planes.into())
+    }
+
+    /// Gives back what the old form held.
+    fn set_form(&mut self, index: u32, form: Form) {
+        match std::mem::replace(&mut self.slots[index as usize].form, form) {
+            Form::Uniform(_) => {}
+            Form::Planes { planes, entries, at } => self.units.remove(at, run_length(planes, entries)),
+            Form::Floats(at) => self.units.remove(at, FLOATS),
+        }
+    }
+
+    /// Bytes held that hold nothing now.
+    pub(crate) fn free_bytes(&self) -> usize {
+        (self.slots.capacity() - self.slots.len() + self.free.len()) * size_of::<Slot>() + self.units.free_bytes()
     }
 
     /// Bytes held.
     pub(crate) fn memory_bytes(&self) -> usize {
-        self.palette.memory_bytes()
-            + self.slots.capacity() * size_of::<Slot>()
-            + self.free.capacity() * 4
-            + self.planes2.memory_bytes()
-            + self.planes8.memory_bytes()
-            + self.planes16.memory_bytes()
-            + self.floats.memory_bytes()
-            + self.ground.memory_bytes()
+        self.slots.capacity() * size_of::<Slot>() + self.free.capacity() * 4 + self.units.memory_bytes()
     }
 }
 
+/// Units of a brick.
+fn run_length(planes: u8, entries: u8) -> usize {
+    let planes = usize::from(planes);
+    if entries == 0 { planes } else { planes + table_units(planes) }
+}
+
+/// Updates a brick of P planes, state by state, since few states occur among 64 neighbours. Gives the new number of table
+/// entries.
+///
+/// # Errors
+/// [`Stop`] with the brick unchanged.
 #[inline]
-fn word4(low: &Planes<2>, high: &Planes<2>, word: usize) -> [u64; 4] {
-    [low[word][0], low[word][1], high[word][0], high[word][1]]
-}
-
-#[inline]
-fn get4(blocks: &Arena<Planes<2>>, at: [u32; 2]) -> Planes<4> {
-    let [low, high] = at.map(|at| blocks.get(at));
-    std::array::from_fn(|word| word4(low, high, word))
-}
-
-#[inline]
-fn set4(blocks: &mut Arena<Planes<2>>, at: [u32; 2], words: &Planes<4>) {
-    for (half, at) in at.into_iter().enumerate() {
-        let block = blocks.get_mut(at);
-        for (word, planes) in block.iter_mut().zip(words) {
-            *word = [planes[2 * half], planes[2 * half + 1]];
-        }
-    }
-}
-
-fn filled<const P: usize>(state: State) -> Planes<P> {
-    let mut word = [0; P];
-    planes::put(&mut word, u64::MAX, state);
-    [word; WORDS]
-}
-
-fn widened<const P: usize, const Q: usize>(words: &Planes<P>) -> Planes<Q> {
-    words.map(|word| std::array::from_fn(|plane| word.get(plane).copied().unwrap_or(0)))
-}
-
-/// Updates the words from `from` on; after an overflow it can be called again with more planes.
-#[inline]
-fn update_words<const P: usize>(
-    words: &mut Planes<P>,
-    (free, hit): (&Mask, &Mask),
-    palette: &mut Palette,
-    from: &mut usize,
-    changed: &mut Mask,
-    new: &mut Mask,
-) -> Result<(), Overflow> {
-    while *from < WORDS {
-        let word = *from;
-        if free[word] | hit[word] != 0 {
-            let mut after = words[word];
-            let missed = planes::update(&mut after, free[word], Update::Miss, palette)?;
-            let struck = planes::update(&mut after, hit[word], Update::Hit, palette)?;
-            words[word] = after;
-            changed[word] = missed.changed | struck.changed;
-            new[word] = missed.new | struck.new;
-        }
-        *from += 1;
-    }
-    Ok(())
-}
-
-fn update_floats(
-    values: &mut Floats,
+fn update_planes<const P: usize>(
+    brick: &mut [Unit],
+    entries: u8,
     (free, hit): (&Mask, &Mask),
     palette: &Palette,
-    from: usize,
     changed: &mut Mask,
     new: &mut Mask,
-) {
-    for word in from..WORDS {
-        for (mask, update) in [(free[word], Update::Miss), (hit[word], Update::Hit)] {
-            for bit in (0..64).filter(|bit| mask >> bit & 1 != 0) {
-                let value = &mut values[word * 64 + bit];
-                let old = if value.is_nan() { 0.0 } else { *value };
-                let next = palette.updated(old, update);
-                new[word] |= u64::from(value.is_nan()) << bit;
-                changed[word] |= u64::from(value.is_nan() || next != old) << bit;
-                *value = next;
+) -> Result<u8, Stop> {
+    let Some((stored, table)) = brick.split_first_chunk_mut::<P>() else { return Ok(entries) };
+    let mut numbers = Numbers::new(palette, P, table, entries.into());
+    let mut planes = *stored;
+    let mut fresh = [0; WORDS];
+    for word in 0..WORDS {
+        for (marked, update) in [(free[word], Update::Miss), (hit[word], Update::Hit)] {
+            let mut left = marked;
+            while left != 0 {
+                let (same, number) = planes::alike(&planes, word, left);
+                left &= !same;
+                let next = numbers.next(number, update)?;
+                if next != number {
+                    planes::put(&mut planes, word, same, next);
+                    changed[word] |= same;
+                    fresh[word] |= if number == 0 { same } else { 0 };
+                }
             }
         }
     }
+    *new = fresh;
+    *stored = planes;
+    for (number, state) in numbers.states().iter().enumerate().skip(entries.into()) {
+        set_state(table, number, *state);
+    }
+    Ok(numbers.states().len() as u8)
 }

@@ -77,8 +77,7 @@ impl OctreeMap {
         for brick in 0..bricks {
             let code = (first >> BRICK_BITS) + brick;
             let place = self.bricks.find_or_add(code, &mut near).ok_or(too_large.clone())?;
-            let (store, index) = self.bricks.at_mut(place);
-            store.assign(index, &mask, log_odds);
+            self.bricks.assign(place, &mask, log_odds, self.revision);
         }
         self.known += voxels * bricks as usize;
         self.listed += voxels * bricks as usize;
