@@ -6,8 +6,8 @@ use crate::directory::Near;
 use crate::map::OctreeMap;
 use crate::marks::{BrickMarks, ScanMarks};
 use crate::mask::{self, Mask, WORDS};
-use crate::rays::Helper;
 use crate::palette::Palette;
+use crate::rays::Helper;
 use crate::store::{Missing, Store, Sums};
 
 /// A marked brick in Morton order.
@@ -71,7 +71,8 @@ impl StoreWork {
     }
 
     pub(crate) fn memory_bytes(&self) -> usize {
-        self.bricks.capacity() * size_of::<(u32, u32)>() + self.changed.capacity() * size_of::<Mask>()
+        self.bricks.capacity() * size_of::<(u32, u32)>()
+            + self.changed.capacity() * size_of::<Mask>()
             + self.waiting.capacity() * 4
     }
 }
@@ -104,7 +105,9 @@ impl OctreeMap {
         self.marked.clear();
         let marked = self.marks.bricks().map(|(slot, brick)| Marked { brick, slot, place: 0, number: 0 });
         self.marked.extend(marked.filter(|&Marked { slot, .. }| {
-            !limited || !mask::is_empty(&joined.free(slot)) || self.marks.ends(slot).is_some_and(|ends| !ends.is_empty())
+            !limited
+                || !mask::is_empty(&joined.free(slot))
+                || self.marks.ends(slot).is_some_and(|ends| !ends.is_empty())
         }));
         self.marked.sort_unstable_by_key(|marked| marked.brick);
     }

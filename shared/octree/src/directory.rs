@@ -98,10 +98,23 @@ impl Directory {
         for (tile, number) in tiles {
             let places = self.tiles[number as usize].iter().enumerate();
             all.extend(
-                places.filter(|&(_, &place)| place != NOWHERE).map(|(n, &place)| (tile << 9 | n as u64, place)),
+                places
+                    .filter(|&(_, &place)| place != NOWHERE)
+                    .map(|(n, &place)| (tile << 9 | n as u64, place)),
             );
         }
         all
+    }
+
+    /// Calls `visit` with code and place of every brick, in no order.
+    pub(crate) fn for_each(&self, mut visit: impl FnMut(u64, u32)) {
+        for (&tile, &number) in &self.numbers {
+            for (n, &place) in self.tiles[number as usize].iter().enumerate() {
+                if place != NOWHERE {
+                    visit(tile << 9 | n as u64, place);
+                }
+            }
+        }
     }
 
     /// Bytes held.

@@ -1,8 +1,8 @@
 //! Which voxels one scan touches: bit masks per brick in place of sets of keys. Everything is kept for the next scan, so
 //! that a scan like the ones before it allocates nothing.
 
-use crate::mask::{self, Mask, WORDS};
 use crate::Key;
+use crate::mask::{self, Mask, WORDS};
 use crate::morton::{self, BRICK_BITS};
 use crate::window::Window;
 

@@ -33,7 +33,8 @@ pub(crate) struct Palette {
 
 impl Palette {
     pub(crate) fn new(sensor: SensorModel) -> Self {
-        let mut palette = Self { sensor, values: vec![0.0], next: vec![[UNKNOWN; 2]], table: vec![UNKNOWN; 64] };
+        let mut palette =
+            Self { sensor, values: vec![0.0], next: vec![[UNKNOWN; 2]], table: vec![UNKNOWN; 64] };
         // Seen once, hit once and surely free fit into two bits.
         for update in [Update::Miss, Update::Hit] {
             palette.compute(UNKNOWN, update);

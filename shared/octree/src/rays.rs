@@ -14,7 +14,7 @@ use crate::window::Window;
 use crate::{Key, KeySpace};
 
 /// Rays side by side.
-const LANES: usize = 16;
+const LANES: usize = 8;
 
 /// Rays that are sorted by length together: neighbours in the scan, so that they mark the same bricks.
 const BATCH: usize = 256;
@@ -171,7 +171,8 @@ impl Lanes {
     /// OctoMap decides. Selections are masks, since the choice is as good as random.
     #[inline(always)]
     fn advance(&mut self, masks: [u64; 3], codes: &mut [u64; LANES]) {
-        let Self { crossing: [x, y, z], spacing: [dx, dy, dz], code: [cx, cy, cz], step: [sx, sy, sz] } = self;
+        let Self { crossing: [x, y, z], spacing: [dx, dy, dz], code: [cx, cy, cz], step: [sx, sy, sz] } =
+            self;
         for lane in 0..LANES {
             codes[lane] = cx[lane] | cy[lane] | cz[lane];
             let x_before_y = mask(x[lane] < y[lane]);
@@ -215,7 +216,13 @@ impl Origin {
         }
     }
 
-    fn cast_group(&self, group: &[(u32, u32); LANES], batch: &[Ray], buffers: &mut Buffers, marks: &mut ScanMarks) {
+    fn cast_group(
+        &self,
+        group: &[(u32, u32); LANES],
+        batch: &[Ray],
+        buffers: &mut Buffers,
+        marks: &mut ScanMarks,
+    ) {
         let rays = group.map(|(_, index)| &batch[index as usize]);
         let (mut lanes, lengths) = self.lanes(rays);
         // The walks are sorted by length: so many steps do not carry the shortest to its end.

@@ -1,5 +1,6 @@
 //! The voxels of bricks, each brick in as few bits as it has different values, exactly.
 
+use crate::decoded::Decoded;
 use crate::marks::{BrickMarks, Ends};
 use crate::mask::{self, Mask, WORDS};
 use crate::numbers::{MAX_ENTRIES, Numbers, Stop, set_state, state_of, table_units};
@@ -140,14 +141,33 @@ impl Store {
             Form::Uniform(_) => [u64::MAX; WORDS],
             Form::Planes { planes, at, .. } => planes::nonzero(self.units.run(at, planes.into())),
             Form::Floats(at) => std::array::from_fn(|word| {
-                (0..64).fold(0, |bits, bit| bits | u64::from(!self.float(at, word * 64 + bit).is_nan()) << bit)
+                (0..64)
+                    .fold(0, |bits, bit| bits | u64::from(!self.float(at, word * 64 + bit).is_nan()) << bit)
             }),
+        }
+    }
+
+    /// The voxels of a brick.
+    pub(crate) fn decode(&self, index: u32, palette: &Palette, decoded: &mut Decoded) {
+        match self.slots[index as usize].form {
+            Form::Uniform(UNKNOWN) => decoded.unknown(),
+            Form::Uniform(state) => decoded.uniform(palette.value(state)),
+            Form::Planes { planes, entries, at } => {
+                let (planes, table) = self.parts(planes, entries, at);
+                decoded.planes(planes, table, entries.into(), palette);
+            }
+            Form::Floats(at) => decoded.floats(self.known(index), |voxel| self.float(at, voxel)),
         }
     }
 
     /// Calls `visit` with each value of a brick and voxels that have it: a word's equal voxels at a time.
     #[inline]
-    pub(crate) fn for_each_value(&self, index: u32, palette: &Palette, mut visit: impl FnMut(usize, u64, f32)) {
+    pub(crate) fn for_each_value(
+        &self,
+        index: u32,
+        palette: &Palette,
+        mut visit: impl FnMut(usize, u64, f32),
+    ) {
         match self.slots[index as usize].form {
             Form::Uniform(UNKNOWN) => {}
             Form::Uniform(state) => (0..WORDS).for_each(|word| visit(word, u64::MAX, palette.value(state))),
@@ -453,7 +473,13 @@ impl Store {
         }
     }
 
-    fn update_floats(&mut self, at: u32, (free, hit): (&Mask, &Mask), palette: &Palette, new: &mut Mask) -> Mask {
+    fn update_floats(
+        &mut self,
+        at: u32,
+        (free, hit): (&Mask, &Mask),
+        palette: &Palette,
+        new: &mut Mask,
+    ) -> Mask {
         let mut changed = [0; WORDS];
         for (mask, update) in [(free, Update::Miss), (hit, Update::Hit)] {
             for voxel in mask::Bits::of(*mask) {
@@ -478,7 +504,8 @@ impl Store {
     }
 
     fn set_float(&mut self, at: u32, voxel: usize, value: f32) {
-        let (word, shift) = (&mut self.units.run_mut(at, FLOATS)[voxel / 16][voxel / 2 % 8], 32 * (voxel % 2));
+        let (word, shift) =
+            (&mut self.units.run_mut(at, FLOATS)[voxel / 16][voxel / 2 % 8], 32 * (voxel % 2));
         *word = *word & !(0xffff_ffff << shift) | u64::from(value.to_bits()) << shift;
     }
 
@@ -499,7 +526,8 @@ impl Store {
 
     /// Bytes held that hold nothing now.
     pub(crate) fn free_bytes(&self) -> usize {
-        (self.slots.capacity() - self.slots.len() + self.free.len()) * size_of::<Slot>() + self.units.free_bytes()
+        (self.slots.capacity() - self.slots.len() + self.free.len()) * size_of::<Slot>()
+            + self.units.free_bytes()
     }
 
     /// Bytes held.

@@ -3,6 +3,7 @@
 use evac_formats::octomap::{DEPTH, Node, OcTreeFile};
 
 use crate::bricks::Bricks;
+use crate::decoded::Decoded;
 use crate::directory::Near;
 use crate::mask::{self, BRICK_VOXELS};
 use crate::morton::BRICK_BITS;
@@ -25,7 +26,12 @@ impl OctreeMap {
     pub fn to_tree(&self, pruning: Pruning) -> OcTreeFile {
         let mut sorted = self.bricks.sorted();
         sorted.retain(|&(_, place)| !mask::is_empty(&self.bricks.known(place)));
-        let mut writer = Writer { bricks: &self.bricks, prune: pruning == Pruning::Full, nodes: Vec::new() };
+        let mut writer = Writer {
+            bricks: &self.bricks,
+            prune: pruning == Pruning::Full,
+            nodes: Vec::new(),
+            decoded: Decoded::default(),
+        };
         if !sorted.is_empty() {
             writer.upper(&sorted, 0);
         }
@@ -90,6 +96,7 @@ struct Writer<'a> {
     bricks: &'a Bricks,
     prune: bool,
     nodes: Vec<Node>,
+    decoded: Decoded,
 }
 
 impl Writer<'_> {
@@ -97,7 +104,7 @@ impl Writer<'_> {
     fn upper(&mut self, bricks: &[(u64, u32)], depth: u32) {
         if depth == BRICK_DEPTH {
             for &(_, place) in bricks {
-                self.lower(place, 0, BRICK_VOXELS);
+                self.brick(place);
             }
             return;
         }
@@ -112,25 +119,68 @@ impl Writer<'_> {
         });
     }
 
-    /// The node above `length` voxels of a brick, of which at least one is known.
-    fn lower(&mut self, place: u32, start: usize, length: usize) {
-        if length == 1 {
-            let log_odds = self.bricks.value(place, start).unwrap_or(0.0);
+    /// The node of a brick, of which at least one voxel is known.
+    fn brick(&mut self, place: u32) {
+        if let (true, Some(log_odds)) = (self.prune, self.bricks.uniform(place)) {
             self.nodes.push(Node { log_odds, child_mask: 0 });
             return;
         }
-        self.parent(|writer, child| {
-            let part = length / 8;
-            let from = start + child as usize * part;
-            let known = writer.bricks.known(place);
-            let any = match part {
-                64 => known[from / 64] != 0,
-                _ => known[from / 64] >> (from % 64) & ((1 << part) - 1) != 0,
-            };
-            if any {
-                writer.lower(place, from, part);
+        let mut brick = std::mem::take(&mut self.decoded);
+        self.bricks.decode(place, &mut brick);
+        let at = self.nodes.len();
+        self.nodes.push(Node { log_odds: 0.0, child_mask: 0 });
+        let (mut greatest, mut child_mask) = (f32::NEG_INFINITY, 0);
+        for word in (0..8).filter(|&word| brick.known[word] != 0) {
+            child_mask |= 1 << word;
+            greatest = greatest.max(self.word(&brick, word));
+        }
+        self.nodes[at] = Node { log_odds: greatest, child_mask };
+        self.decoded = brick;
+    }
+
+    /// The node of 4 x 4 x 4 voxels; gives its value.
+    fn word(&mut self, brick: &Decoded, word: usize) -> f32 {
+        if self.prune && brick.words >> word & 1 != 0 {
+            let log_odds = brick.values[word * 64];
+            self.nodes.push(Node { log_odds, child_mask: 0 });
+            return log_odds;
+        }
+        let at = self.nodes.len();
+        self.nodes.push(Node { log_odds: 0.0, child_mask: 0 });
+        let (mut greatest, mut child_mask) = (f32::NEG_INFINITY, 0);
+        for block in 0..8 {
+            let present = (brick.known[word] >> (8 * block)) as u8;
+            if present == 0 {
+                continue;
             }
-        });
+            child_mask |= 1 << block;
+            let first = word * 64 + block * 8;
+            if brick.blocks[word] >> (8 * block) & 1 != 0 {
+                let log_odds = brick.values[first];
+                greatest = greatest.max(log_odds);
+                if self.prune {
+                    self.nodes.push(Node { log_odds, child_mask: 0 });
+                } else {
+                    self.nodes.push(Node { log_odds, child_mask: 0xff });
+                    self.nodes.extend([Node { log_odds, child_mask: 0 }; 8]);
+                }
+                continue;
+            }
+            let parent = self.nodes.len();
+            self.nodes.push(Node { log_odds: 0.0, child_mask: present });
+            let mut max = f32::NEG_INFINITY;
+            let mut left = present;
+            while left != 0 {
+                let log_odds = brick.values[first + left.trailing_zeros() as usize];
+                left &= left - 1;
+                max = max.max(log_odds);
+                self.nodes.push(Node { log_odds, child_mask: 0 });
+            }
+            self.nodes[parent].log_odds = max;
+            greatest = greatest.max(max);
+        }
+        self.nodes[at] = Node { log_odds: greatest, child_mask };
+        greatest
     }
 
     /// A node with the children that `write` appends for 0 to 7; pruned where they are eight equal leaves.
