@@ -18,7 +18,10 @@ fn main() {
         Ok(output) if output.status.success() => program.display().to_string(),
         Ok(output) => {
             let text = String::from_utf8_lossy(&output.stderr);
-            println!("cargo::warning=octomap.cpp was not built: {}", text.lines().next().unwrap_or("no reason given"));
+            println!(
+                "cargo::warning=octomap.cpp was not built: {}",
+                text.lines().next().unwrap_or("no reason given")
+            );
             String::new()
         }
         Err(cause) => {

@@ -4,6 +4,7 @@
 mod clock;
 mod octomap;
 mod ours;
+mod queries;
 mod scans;
 
 use std::fs;
@@ -33,6 +34,9 @@ struct Options {
     /// One ray to the centre of each end voxel (OctoMap: lazy and discretize).
     #[arg(long)]
     discretized: bool,
+    /// Clears in blocks of 4 x 4 x 4 voxels, which OctoMap cannot: files differ.
+    #[arg(long)]
+    coarse: bool,
     /// Threads that insert a scan into our map. Times are those of the calling thread.
     #[arg(long, default_value_t = 1)]
     threads: u32,
@@ -49,6 +53,7 @@ struct Case {
     discretized: bool,
     checkpoints: Vec<usize>,
     threads: u32,
+    coarse: bool,
 }
 
 fn main() -> anyhow::Result<()> {
@@ -57,7 +62,10 @@ fn main() -> anyhow::Result<()> {
     if !octomap::is_built() {
         println!("skipped: no comparison with OctoMap, its library was not found (Debian: liboctomap-dev)");
     }
-    println!("processor time; one thread; max range {} m; every {}th frame", options.max_range, options.stride);
+    println!(
+        "processor time; one thread; max range {} m; every {}th frame",
+        options.max_range, options.stride
+    );
     for &sensor in &options.sensor {
         let count = options.scans.iter().copied().max().unwrap_or(0);
         let scans = scans::record(sensor, count, options.stride)?;
@@ -72,6 +80,7 @@ fn main() -> anyhow::Result<()> {
                 discretized: options.discretized,
                 checkpoints: options.scans.clone(),
                 threads: options.threads,
+                coarse: options.coarse,
             };
             run(&case, &scans, compare, &file, folder.path())?;
         }
@@ -123,7 +132,12 @@ fn run(
         }
         println!();
     }
-    Ok(())
+    match scans.last() {
+        Some(last) if !case.discretized && !case.coarse => {
+            queries::compare(&ours.map, last.origin, case.max_range, theirs.as_ref(), folder)
+        }
+        _ => Ok(()),
+    }
 }
 
 fn mib(bytes: f64) -> f64 {

@@ -14,6 +14,7 @@ pub(crate) struct Run {
     /// The same by the wall clock.
     pub(crate) wall: Vec<f64>,
     pub(crate) checkpoints: Vec<Checkpoint>,
+    pub(crate) map: OctreeMap,
 }
 
 pub(crate) struct Checkpoint {
@@ -33,19 +34,25 @@ pub(crate) fn run(case: &Case, scans: &[Points]) -> Result<Run, MapError> {
     let options = ScanOptions {
         max_range: Some(case.max_range),
         discretize: case.discretized,
+        coarse_free_space: case.coarse,
         ..ScanOptions::default()
     };
-    let mut run = Run { times: Vec::with_capacity(scans.len()), wall: Vec::new(), checkpoints: Vec::new() };
+    let (mut times, mut wall, mut checkpoints) = (Vec::with_capacity(scans.len()), Vec::new(), Vec::new());
     for (n, scan) in scans.iter().enumerate() {
         let scan = Scan { origin: scan.origin, hits: &scan.points, ..Scan::default() };
         let (begin, start) = (Instant::now(), thread_ms());
         map.insert_scan(&scan, &options);
-        run.times.push(thread_ms() - start);
-        run.wall.push(begin.elapsed().as_secs_f64() * 1e3);
+        times.push(thread_ms() - start);
+        wall.push(begin.elapsed().as_secs_f64() * 1e3);
         if case.checkpoints.contains(&(n + 1)) {
             let tree = map.to_tree(Pruning::Full);
-            run.checkpoints.push(Checkpoint { scans: n + 1, map_bytes: map.memory_bytes(), used_bytes: map.memory_bytes() - map.free_bytes(), tree });
+            checkpoints.push(Checkpoint {
+                scans: n + 1,
+                map_bytes: map.memory_bytes(),
+                used_bytes: map.memory_bytes() - map.free_bytes(),
+                tree,
+            });
         }
     }
-    Ok(run)
+    Ok(Run { times, wall, checkpoints, map })
 }

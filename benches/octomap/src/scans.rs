@@ -69,11 +69,8 @@ pub(crate) fn record(sensor: Sensor, count: usize, stride: usize) -> Result<Vec<
                         let share = ring as f64 / (RINGS - 1) as f64;
                         let elevation = ((2.0 * share - 1.0) * ELEVATION_DEG).to_radians();
                         let (sine, cosine) = (turn * std::f64::consts::TAU).sin_cos();
-                        let direction = Vector3::new(
-                            elevation.cos() * cosine,
-                            elevation.cos() * sine,
-                            elevation.sin(),
-                        );
+                        let direction =
+                            Vector3::new(elevation.cos() * cosine, elevation.cos() * sine, elevation.sin());
                         points.extend(walk.cast(time_ns, &direction, 100.0).map(single));
                     }
                 }

@@ -117,6 +117,13 @@ impl Decoded {
         self.words = 0;
     }
 
+    /// A voxel's value.
+    #[inline]
+    pub(crate) fn value(&self, voxel: usize) -> Option<f32> {
+        let in_block = self.blocks[voxel / 64] >> (voxel % 64 & !7) & 1 != 0;
+        mask::has(&self.known, voxel).then(|| self.values[if in_block { voxel & !7 } else { voxel }])
+    }
+
     /// Greatest value of a word's voxels, of which at least one is known.
     pub(crate) fn greatest_of_word(&self, word: usize) -> f32 {
         (0..8)

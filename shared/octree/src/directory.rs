@@ -40,13 +40,7 @@ impl Directory {
         self.bricks
     }
 
-    /// Place of a brick, or [`NOWHERE`].
-    #[inline]
-    pub(crate) fn find(&self, code: u64) -> u32 {
-        self.find_near(code, &mut Near::default())
-    }
-
-    /// The same, faster where `near` knows the tile.
+    /// Place of a brick, or [`NOWHERE`]; faster where `near` knows the tile.
     #[inline]
     pub(crate) fn find_near(&self, code: u64, near: &mut Near) -> u32 {
         let tile = code >> 9;
@@ -135,6 +129,10 @@ pub(crate) fn table_bytes(capacity: usize, entry: usize) -> usize {
 mod tests {
     use super::*;
 
+    fn find(directory: &Directory, code: u64) -> u32 {
+        directory.find_near(code, &mut Near::default())
+    }
+
     #[test]
     fn bricks_are_found_in_morton_order_and_forgotten_with_their_tile() {
         let mut directory = Directory::default();
@@ -146,9 +144,12 @@ mod tests {
         directory.remove(513);
         directory.remove(513);
         directory.remove(77);
-        assert_eq!((directory.find(513), directory.find(5), directory.len()), (NOWHERE, 0, 4));
+        assert_eq!((find(&directory, 513), find(&directory, 5), directory.len()), (NOWHERE, 0, 4));
         let tiles = directory.tiles.len();
         directory.insert(1024, 9);
-        assert_eq!((directory.find(1024), directory.find(1025), directory.tiles.len()), (9, NOWHERE, tiles));
+        assert_eq!(
+            (find(&directory, 1024), find(&directory, 1025), directory.tiles.len()),
+            (9, NOWHERE, tiles)
+        );
     }
 }

@@ -4,6 +4,7 @@ use evac_frames::{Voxel, voxel_flags};
 
 use crate::apply::{Marked, StoreWork};
 use crate::bricks::{Bricks, SHARDS};
+use crate::coarse::CoarseCaster;
 use crate::directory::Near;
 use crate::marks::ScanMarks;
 use crate::mask::{has, range};
@@ -42,6 +43,8 @@ pub struct OctreeMap {
     pub(crate) marks: ScanMarks,
     pub(crate) rays: Vec<Ray>,
     pub(crate) caster: Caster,
+    /// Where coarse free space was asked for.
+    pub(crate) coarse: Option<CoarseCaster>,
     /// One for each thread but the first.
     pub(crate) helpers: Vec<Helper>,
     pub(crate) threads: usize,
@@ -59,6 +62,8 @@ pub struct OctreeMap {
     pub(crate) scan: u32,
     /// Number of the last change.
     pub(crate) revision: u32,
+    /// Number of the last change that took voxels out.
+    pub(crate) removal: u32,
 }
 
 impl OctreeMap {
@@ -83,6 +88,7 @@ impl OctreeMap {
             marks: ScanMarks::new(max_bricks),
             rays: Vec::new(),
             caster: Caster::default(),
+            coarse: None,
             helpers: (1..threads).map(|_| Helper::new(max_bricks)).collect(),
             threads,
             marked: Vec::new(),
@@ -92,6 +98,7 @@ impl OctreeMap {
             changed: 0,
             scan: 0,
             revision: 0,
+            removal: 0,
         })
     }
 
@@ -130,6 +137,7 @@ impl OctreeMap {
         self.marks.memory_bytes()
             + self.rays.capacity() * size_of::<Ray>()
             + self.caster.memory_bytes()
+            + self.coarse.as_ref().map_or(0, CoarseCaster::memory_bytes)
             + self.helpers.iter().map(Helper::memory_bytes).sum::<usize>()
             + self.marked.capacity() * size_of::<Marked>()
             + self.work.iter().map(StoreWork::memory_bytes).sum::<usize>()
@@ -155,6 +163,8 @@ impl OctreeMap {
     /// # Errors
     /// [`Rejected`]; the map is unchanged.
     pub fn set_voxel(&mut self, key: Key, log_odds: f32) -> Result<(), Rejected> {
+        // Minus zero would be another value than zero in files, and equal to it in pruning.
+        let log_odds = log_odds + 0.0;
         if !log_odds.is_finite() {
             return Err(Rejected::NotFinite);
         }

@@ -142,6 +142,15 @@ impl ScanMarks {
         codes.len()
     }
 
+    /// All rays pass through the block of 4 x 4 x 4 voxels, unless one ends in it.
+    pub(crate) fn mark_block(&mut self, key: Key) {
+        let code = self.window.code(key);
+        let (slot, word) = (self.slot(code >> BRICK_BITS), (code >> 6) as usize % WORDS);
+        if self.ends(slot).is_none_or(|ends| ends.hit[word] == 0) {
+            self.free[slot as usize][word] = u64::MAX;
+        }
+    }
+
     /// A ray ends in the voxel; says whether it is the first.
     pub(crate) fn mark_hit(&mut self, code: u64) -> bool {
         mask::set(&mut self.ends_at(code).hit, (code & VOXEL) as usize)

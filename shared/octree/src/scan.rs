@@ -1,5 +1,6 @@
 //! One scan into the map.
 
+use crate::coarse::CoarseCaster;
 use crate::key::{Key, KeySpace};
 use crate::map::OctreeMap;
 use crate::rays::{Helper, Origin, Ray};
@@ -28,6 +29,10 @@ pub struct ScanOptions {
     /// Casts one ray to the centre of each voxel with points, not one to each point. As OctoMap's `discretize`: faster,
     /// and slightly different.
     pub discretize: bool,
+    /// Clears blocks of 4 x 4 x 4 voxels instead of voxels: each block that a ray passes, except those in which a hit of this
+    /// scan lies. Hits are exact. Several times faster and **not** OctoMap's result: thin things beside a ray are cleared
+    /// with it, and the last stretch of a ray before its hit is not.
+    pub coarse_free_space: bool,
     /// Only voxels in this box, borders included, change. As OctoMap's `useBBXLimit` with the origin in the box.
     pub bounds: Option<Bounds>,
 }
@@ -98,10 +103,22 @@ impl OctreeMap {
         let hits = sorter.add(scan.hits, End::Hit);
         let ground = sorter.add(scan.ground, End::Ground);
         sorter.add(scan.misses, End::Nothing);
-        self.marks.start(window_of(key, &self.rays));
+        // A block of coarse free space may reach out of the box of the rays.
+        let margin = if options.coarse_free_space { 8 } else { 2 };
+        self.marks.start(Window::around(key, &self.rays, margin));
         self.mark_ends(hits, ground, options.discretize);
         let from = Origin::new(&self.space, scan.origin, key, self.marks.window());
-        if self.helpers.is_empty() {
+        let coarse = options.coarse_free_space
+            && self.coarse.get_or_insert_with(|| CoarseCaster::new(self.bricks.max())).cast(
+                &self.space,
+                scan.origin,
+                &self.rays,
+                &mut self.caster,
+                &mut self.marks,
+            );
+        if coarse {
+            // Nothing is left for other threads.
+        } else if self.helpers.is_empty() {
             self.caster.cast(&from, &self.rays, &mut self.marks);
         } else {
             let share = self.rays.len().div_ceil(self.threads).max(1);
@@ -146,20 +163,6 @@ impl OctreeMap {
             });
         }
     }
-}
-
-/// The box that the walks of the rays stay in.
-fn window_of(origin: Key, rays: &[Ray]) -> Window {
-    // Rounding may carry a walk past its end, as far as the ray's length reaches: into a neighbour of the end's voxel.
-    const MARGIN: u16 = 2;
-    let (mut min, mut max) = (origin, origin);
-    for ray in rays {
-        for axis in 0..3 {
-            min[axis] = min[axis].min(ray.key[axis]);
-            max[axis] = max[axis].max(ray.key[axis]);
-        }
-    }
-    Window::new(min.map(|axis| axis.saturating_sub(MARGIN)), max.map(|axis| axis.saturating_add(MARGIN)))
 }
 
 /// What the end of a ray says about its voxel.

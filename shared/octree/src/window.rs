@@ -2,6 +2,7 @@
 
 use crate::Key;
 use crate::morton::{self, BRICK_BITS};
+use crate::rays::Ray;
 
 /// Most bits of a brick's number: a table of 16 MiB, a box of 4 million bricks.
 const MAX_BITS: u32 = 22;
@@ -33,6 +34,27 @@ impl Window {
             window.bits += bits;
         }
         window
+    }
+
+    /// The box that the walks of rays stay in, with a margin in voxels: rounding may carry a walk past its end, as far as the
+    /// ray's length reaches, into a neighbour of the end's voxel.
+    pub(crate) fn around(origin: Key, rays: &[Ray], margin: u16) -> Self {
+        let (mut min, mut max) = (origin, origin);
+        for ray in rays {
+            for axis in 0..3 {
+                min[axis] = min[axis].min(ray.key[axis]);
+                max[axis] = max[axis].max(ray.key[axis]);
+            }
+        }
+        Self::new(min.map(|axis| axis.saturating_sub(margin)), max.map(|axis| axis.saturating_add(margin)))
+    }
+
+    /// Whether a voxel has a code.
+    pub(crate) fn contains(&self, key: Key) -> bool {
+        (0..3).all(|axis| {
+            let brick = (key[axis] >> 3).checked_sub(self.corner[axis]);
+            brick.is_some_and(|brick| u64::from(brick) <= self.masks[axis] >> self.shift[axis])
+        })
     }
 
     /// Whether a table of all bricks is small enough.

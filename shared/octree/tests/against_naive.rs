@@ -48,7 +48,10 @@ fn scans() -> impl Strategy<Value = Vec<RandomScan>> {
 fn insert(map: &mut OctreeMap, scan: &RandomScan) -> evac_octree::ScanReport {
     let RandomScan { origin, hits, ground, misses, max_range, discretize } = scan;
     let scan = Scan { origin: *origin, hits, ground, misses };
-    map.insert_scan(&scan, &ScanOptions { max_range: *max_range, discretize: *discretize, bounds: None })
+    map.insert_scan(
+        &scan,
+        &ScanOptions { max_range: *max_range, discretize: *discretize, ..ScanOptions::default() },
+    )
 }
 
 fn threaded(threads: u32) -> OctreeMap {
@@ -123,7 +126,7 @@ proptest! {
         for scan in &scans {
             let RandomScan { origin, hits, ground, misses, max_range, discretize } = scan;
             let scan = Scan { origin: *origin, hits, ground, misses };
-            let options = ScanOptions { max_range: *max_range, discretize: *discretize, bounds };
+            let options = ScanOptions { max_range: *max_range, discretize: *discretize, bounds, coarse_free_space: false };
             prop_assert_eq!(one.insert_scan(&scan, &options), many.insert_scan(&scan, &options));
             prop_assert!(one.changes().eq(many.changes()));
         }
