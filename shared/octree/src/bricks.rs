@@ -1,9 +1,9 @@
 //! The bricks of a map: a directory over stores that threads can update apart from each other.
 
 use crate::directory::{Directory, NOWHERE, Near};
-use crate::mask::Mask;
+use crate::mask::{self, BRICK_VOXELS, Bits, Mask};
 use crate::morton;
-use crate::palette::Palette;
+use crate::palette::{Palette, UNKNOWN};
 use crate::store::Store;
 use crate::{Key, SensorModel};
 
@@ -127,6 +127,28 @@ impl Bricks {
     pub(crate) fn assign(&mut self, place: u32, mask: &Mask, value: f32, revision: u32) {
         let (shard, index) = split_place(place);
         self.stores[shard].assign(index, mask, value, &mut self.palette);
+        self.stores[shard].set_revision(index, revision);
+    }
+
+    /// Gives a new brick its voxels: the values of those that are known.
+    pub(crate) fn fill(&mut self, place: u32, known: &Mask, values: &[f32; BRICK_VOXELS], revision: u32) {
+        let (shard, index) = split_place(place);
+        let mut states = [UNKNOWN; BRICK_VOXELS];
+        let mut last = (f32::NAN.to_bits(), UNKNOWN);
+        for voxel in Bits::of(*known) {
+            let value = values[voxel];
+            if value.to_bits() != last.0 {
+                let Some(state) = self.palette.state(value) else {
+                    for voxel in Bits::of(*known) {
+                        self.assign(place, &mask::range(voxel, 1), values[voxel], revision);
+                    }
+                    return;
+                };
+                last = (value.to_bits(), state);
+            }
+            states[voxel] = last.1;
+        }
+        self.stores[shard].fill(index, &states);
         self.stores[shard].set_revision(index, revision);
     }
 

@@ -29,13 +29,24 @@ impl Default for Decoded {
 
 impl Decoded {
     /// Decodes bit planes with their table of states.
-    pub(crate) fn planes(&mut self, planes: &[Unit], table: &[Unit], entries: usize, palette: &Palette) {
+    pub(crate) fn planes(
+        &mut self,
+        planes: &[Unit],
+        table: &[Unit],
+        entries: usize,
+        within: &Mask,
+        palette: &Palette,
+    ) {
         let mut by_number = [0.0; 128];
         for (number, value) in by_number[..entries].iter_mut().enumerate() {
             *value = palette.value(state_of(table, number as u16));
         }
         self.words = 0;
         for word in 0..WORDS {
+            if within[word] == 0 {
+                (self.known[word], self.blocks[word]) = (0, 0);
+                continue;
+            }
             let (mut known, mut differ, mut uniform) = (0, 0, true);
             for plane in planes {
                 let bits = plane[word];
@@ -47,11 +58,16 @@ impl Decoded {
             // Bytes without a known voxel differ in nothing, either.
             let blocks = !any_bit(differ) & any_bit(known) & LOWEST;
             self.blocks[word] = blocks;
-            self.words |= u8::from(uniform && known != 0) << word;
+            if uniform && known != 0 {
+                self.words |= 1 << word;
+                let number = crate::planes::get(planes, word * 64);
+                let state = if entries > 0 { state_of(table, number) } else { number };
+                self.values[word * 64..][..64].fill(palette.value(state));
+                continue;
+            }
             for block in 0..8 {
                 let shift = 8 * block;
-                let present = known >> shift & 0xff;
-                if present == 0 {
+                if known >> shift & 0xff == 0 || within[word] >> shift & 0xff == 0 {
                     continue;
                 }
                 let at = word * 64 + shift;

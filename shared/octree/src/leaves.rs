@@ -2,6 +2,7 @@
 
 use crate::bricks::Bricks;
 use crate::decoded::Decoded;
+use crate::mask::Mask;
 use crate::morton::{self, BRICK_BITS};
 use crate::{Key, OctreeMap};
 
@@ -78,7 +79,8 @@ impl OctreeMap {
         if (0..3).any(|axis| min[axis] > max[axis]) {
             return;
         }
-        let mut decoded = Decoded::default();
+        // Many boxes hold no brick that has to be decoded.
+        let mut decoded = None;
         self.bricks.for_each_in(min, max, |code, place| {
             let corner = morton::decode(code << BRICK_BITS);
             let inside = crate::mask::inside(corner, min, max);
@@ -86,7 +88,8 @@ impl OctreeMap {
                 visit(Leaf::new(code << BRICK_BITS, BRICK, value));
                 return;
             }
-            self.bricks.decode(place, &mut decoded);
+            let decoded = decoded.get_or_insert_with(Decoded::default);
+            self.bricks.decode_within(place, &inside, decoded);
             let words = decoded.words;
             for word in 0..8 {
                 let inside = inside[word];
@@ -104,7 +107,7 @@ impl OctreeMap {
                     decoded.blocks[word] &= touched;
                 }
             }
-            brick_leaves(code, &decoded, FINEST, &mut visit);
+            brick_leaves(code, decoded, FINEST, &mut visit);
         });
     }
 
@@ -194,8 +197,13 @@ static WITHIN: [Key; 512] = {
 impl Bricks {
     /// The voxels of a brick.
     pub(crate) fn decode(&self, place: u32, decoded: &mut Decoded) {
+        self.decode_within(place, &[u64::MAX; 8], decoded);
+    }
+
+    /// The same, where only the blocks of eight that `within` reaches matter.
+    fn decode_within(&self, place: u32, within: &Mask, decoded: &mut Decoded) {
         let (store, index) = self.at(place);
-        store.decode(index, self.palette(), decoded);
+        store.decode(index, self.palette(), within, decoded);
     }
 
     /// Greatest log-odds in a brick; minus infinity where nothing is known.

@@ -219,7 +219,12 @@ impl OctreeMap {
     /// What is known of a voxel.
     #[inline]
     pub fn occupancy(&self, key: Key) -> Occupancy {
-        match self.log_odds(key) {
+        self.occupancy_of(self.log_odds(key))
+    }
+
+    #[inline]
+    pub(crate) fn occupancy_of(&self, log_odds: Option<f32>) -> Occupancy {
+        match log_odds {
             None => Occupancy::Unknown,
             Some(value) if self.sensor.is_occupied(value) => Occupancy::Occupied,
             Some(_) => Occupancy::Free,

@@ -27,6 +27,12 @@ pub(crate) fn set(mask: &mut Mask, voxel: usize) -> bool {
     was_clear
 }
 
+/// Sets the bits of `length` voxels (1, 8 or 64, aligned) from `start` on.
+#[inline]
+pub(crate) fn set_range(mask: &mut Mask, start: usize, length: usize) {
+    mask[start / 64] |= u64::MAX >> (64 - length) << (start % 64);
+}
+
 /// The bits of `length` voxels (a power of eight, at most 512) from `start` on.
 #[inline]
 pub(crate) fn range(start: usize, length: usize) -> Mask {
@@ -150,6 +156,11 @@ mod tests {
             let voxels: Vec<_> = Bits::of(range(start, length)).collect();
             assert_eq!(voxels, (start..start + length).collect::<Vec<_>>());
             assert_eq!(count(&range(start, length)), length);
+            if length <= 64 {
+                let mut mask = [0; WORDS];
+                set_range(&mut mask, start, length);
+                assert_eq!(mask, range(start, length));
+            }
         }
     }
 }

@@ -147,14 +147,14 @@ impl Store {
         }
     }
 
-    /// The voxels of a brick.
-    pub(crate) fn decode(&self, index: u32, palette: &Palette, decoded: &mut Decoded) {
+    /// The voxels of a brick, at least those of the blocks of eight that `within` reaches.
+    pub(crate) fn decode(&self, index: u32, palette: &Palette, within: &Mask, decoded: &mut Decoded) {
         match self.slots[index as usize].form {
             Form::Uniform(UNKNOWN) => decoded.unknown(),
             Form::Uniform(state) => decoded.uniform(palette.value(state)),
             Form::Planes { planes, entries, at } => {
                 let (planes, table) = self.parts(planes, entries, at);
-                decoded.planes(planes, table, entries.into(), palette);
+                decoded.planes(planes, table, entries.into(), within, palette);
             }
             Form::Floats(at) => decoded.floats(self.known(index), |voxel| self.float(at, voxel)),
         }
@@ -392,6 +392,61 @@ impl Store {
             self.collapse(index);
             return;
         }
+    }
+
+    /// Gives a new brick all its voxels at once; unknown ones are [`UNKNOWN`].
+    pub(crate) fn fill(&mut self, index: u32, states_of_brick: &[State; mask::BRICK_VOXELS]) {
+        let (mut table, mut entries) = ([UNKNOWN; MAX_ENTRIES], 1);
+        let mut masks = [[0; WORDS]; MAX_ENTRIES];
+        let mut last = 0;
+        for (word, states) in states_of_brick.as_chunks::<64>().0.iter().enumerate() {
+            for (bit, &state) in states.iter().enumerate() {
+                if state != table[last] {
+                    last = match table[..entries].iter().position(|entry| *entry == state) {
+                        Some(number) => number,
+                        None if entries < MAX_ENTRIES => {
+                            table[entries] = state;
+                            entries += 1;
+                            entries - 1
+                        }
+                        None => return self.fill_with_states(index, states_of_brick),
+                    };
+                }
+                masks[last][word] |= 1 << bit;
+            }
+        }
+        let few = table[..entries].iter().all(|state| usize::from(*state) < 1 << FEW);
+        let mut planes = [[0; WORDS]; ALL];
+        for number in 1..entries {
+            let mut bits = if few { usize::from(table[number]) } else { number };
+            while bits != 0 {
+                let plane = &mut planes[bits.trailing_zeros() as usize];
+                plane.iter_mut().zip(&masks[number]).for_each(|(word, voxels)| *word |= voxels);
+                bits &= bits - 1;
+            }
+        }
+        let bits = if few { FEW } else { entries.next_power_of_two().trailing_zeros().max(3) as usize };
+        let entries = if few { 0 } else { entries as u8 };
+        let at = self.units.add(run_length(bits as u8, entries));
+        let (brick, behind) = self.units.run_mut(at, run_length(bits as u8, entries)).split_at_mut(bits);
+        brick.copy_from_slice(&planes[..bits]);
+        for (number, state) in table[..usize::from(entries)].iter().enumerate() {
+            set_state(behind, number, *state);
+        }
+        self.set_form(index, Form::Planes { planes: bits as u8, entries, at });
+        self.collapse(index);
+    }
+
+    fn fill_with_states(&mut self, index: u32, states: &[State; mask::BRICK_VOXELS]) {
+        let at = self.units.add(ALL);
+        let brick = self.units.run_mut(at, ALL);
+        brick.fill([0; WORDS]);
+        for (voxel, &state) in states.iter().enumerate() {
+            for (n, plane) in brick.iter_mut().enumerate() {
+                plane[voxel / 64] |= u64::from(state >> n & 1) << (voxel % 64);
+            }
+        }
+        self.set_form(index, Form::Planes { planes: ALL as u8, entries: 0, at });
     }
 
     /// Gives the brick planes, in which all voxels have one state.
