@@ -9,6 +9,7 @@ mod scans;
 
 use std::fs;
 
+use anyhow::bail;
 use clap::Parser;
 use evac_formats::octomap::ot_bytes;
 
@@ -40,6 +41,9 @@ struct Options {
     /// Threads that insert a scan into our map. Times are those of the calling thread.
     #[arg(long, default_value_t = 1)]
     threads: u32,
+    /// Fails where a file differs from OctoMap's.
+    #[arg(long)]
+    check: bool,
     /// Runs without OctoMap: only our figures.
     #[arg(long)]
     alone: bool,
@@ -82,7 +86,10 @@ fn main() -> anyhow::Result<()> {
                 threads: options.threads,
                 coarse: options.coarse,
             };
-            run(&case, &scans, compare, &file, folder.path())?;
+            let same = run(&case, &scans, compare, &file, folder.path())?;
+            if options.check && !same {
+                bail!("a file differs from OctoMap's");
+            }
         }
     }
     Ok(())
@@ -94,7 +101,8 @@ fn run(
     compare: bool,
     file: &std::path::Path,
     folder: &std::path::Path,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<bool> {
+    let mut all_same = true;
     let ours = ours::run(case, scans)?;
     let theirs = if compare { Some(octomap::run(case, file, folder)?) } else { None };
     let their_times = theirs.as_ref().map(|figures| figures.all("scan_ms")).unwrap_or_default();
@@ -119,6 +127,7 @@ fn run(
             let heap = figures.all("heap_bytes").get(n).copied().unwrap_or(f64::NAN);
             let usage = figures.all("memory_usage").get(n).copied().unwrap_or(f64::NAN);
             let same = fs::read(folder.join(format!("{count}.ot")))? == ot_bytes(&checkpoint.tree);
+            all_same &= same;
             print!(
                 "; OctoMap {median:.1} ms, first {:.1} ms, heap {:.1} MiB, memoryUsage {:.1} MiB; ratio of medians {:.1}, of sums {sum_ratio:.1}, of first {:.1}, of heaps {:.1}; .ot {}",
                 times[0],
@@ -134,9 +143,9 @@ fn run(
     }
     match scans.last() {
         Some(last) if !case.discretized && !case.coarse => {
-            queries::compare(&ours.map, last.origin, case.max_range, theirs.as_ref(), folder)
+            Ok(all_same & queries::compare(&ours.map, last.origin, case.max_range, theirs.as_ref(), folder)?)
         }
-        _ => Ok(()),
+        _ => Ok(all_same),
     }
 }
 

@@ -32,14 +32,14 @@ struct Row {
     same: Option<bool>,
 }
 
-/// Asks, and prints times, ratios and whether the answers agree.
+/// Asks, prints times and ratios, and says whether all answers agree.
 pub(crate) fn compare(
     map: &OctreeMap,
     at: [f32; 3],
     max_range: f64,
     theirs: Option<&Figures>,
     folder: &Path,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<bool> {
     let figure = |key: &str| theirs.and_then(|figures| figures.last(key));
     let is = |key: &str, value: f64| figure(key).map(|theirs| (theirs - value).abs() <= 1e-6 * value.abs());
     let file = |name: &str, bytes: &[u8]| -> anyhow::Result<Option<bool>> {
@@ -118,6 +118,7 @@ pub(crate) fn compare(
     let same = file("merged.ot", &ot_bytes(&merged.to_tree(Pruning::Full)))?;
     rows.push(Row { what: "merge with itself", ours: merge_ms, theirs: "merge_ms", same });
 
+    let all_same = rows.iter().all(|row| row.same != Some(false));
     for Row { what, ours, theirs, same } in rows {
         print!("    {what:<36} {ours:9.3} ms");
         if let Some(theirs) = figure(theirs) {
@@ -125,7 +126,7 @@ pub(crate) fn compare(
         }
         println!("   {}", same.map_or("", |same| if same { "same" } else { "DIFFERENT" }));
     }
-    Ok(())
+    Ok(all_same)
 }
 
 fn read_map(bytes: &[u8], like: &OctreeMap) -> anyhow::Result<OctreeMap> {

@@ -104,8 +104,7 @@ impl Decoded {
         for voxel in mask::Bits::of(known) {
             self.values[voxel] = value(voxel);
         }
-        for word in 0..WORDS {
-            let values = &self.values[word * 64..][..64];
+        for (word, values) in self.values.as_chunks::<64>().0.iter().enumerate() {
             self.blocks[word] = (0..8).fold(0, |bits, block| {
                 let first = values[8 * block];
                 let equal = known[word] >> (8 * block) & 0xff == 0xff
@@ -136,7 +135,7 @@ impl Decoded {
     /// A voxel's value.
     #[inline]
     pub(crate) fn value(&self, voxel: usize) -> Option<f32> {
-        let in_block = self.blocks[voxel / 64] >> (voxel % 64 & !7) & 1 != 0;
+        let in_block = self.blocks[voxel / 64] >> (voxel % 64 / 8 * 8) & 1 != 0;
         mask::has(&self.known, voxel).then(|| self.values[if in_block { voxel & !7 } else { voxel }])
     }
 

@@ -13,6 +13,10 @@ pub(crate) const NOWHERE: u32 = u32::MAX;
 pub(crate) struct Directory {
     /// Index into `tiles` by code without its last 9 bits.
     numbers: FxHashMap<u64, u32>,
+    #[expect(
+        clippy::vec_box,
+        reason = "a longer list would copy its tiles, and hold twice their memory for a moment"
+    )]
     tiles: Vec<Box<[u32; TILE]>>,
     /// Tiles without a brick, to be used again.
     empty: Vec<u32>,

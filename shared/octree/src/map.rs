@@ -19,8 +19,10 @@ pub struct MapConfig {
     pub resolution: f64,
     /// How rays change voxels.
     pub sensor: SensorModel,
-    /// Most bricks of 8 x 8 x 8 voxels that the map may hold (about 2.2 kB each); further ones are refused and counted.
-    /// A single scan may touch as many (0.3 kB each while it does).
+    /// Most bricks of 8 x 8 x 8 voxels that the map may hold (40 bytes to 1 kB each, by how
+    /// many different values are in it; 2.1 kB as the last resort where a map has more than 65,535 values); further ones are
+    /// refused and counted in [`crate::ScanReport::refused_bricks`], those first in Morton order stay.
+    /// A single scan may touch as many, and at least 65,536 (0.2 kB each, kept for the next scan).
     pub max_bricks: u32,
     /// Threads that insert a scan, the calling one included; 0 counts as 1, more than 8 as 8. The map is the same with any
     /// number. Starting them costs some 50 microseconds a scan and allocates.
@@ -28,7 +30,7 @@ pub struct MapConfig {
 }
 
 impl MapConfig {
-    /// OctoMap's sensor model and a ceiling of 1,000,000 bricks (2.2 GB).
+    /// OctoMap's sensor model and a ceiling of 1,000,000 bricks (0.3 GB of a building's map, 2.1 GB at worst).
     pub fn new(resolution: f64) -> Self {
         Self { resolution, sensor: SensorModel::default(), max_bricks: 1_000_000, threads: 1 }
     }

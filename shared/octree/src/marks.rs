@@ -269,9 +269,8 @@ impl ScanMarks {
             let ends = self.infos[slot].ends;
             if ends != NONE {
                 let ends = &mut self.ends[ends as usize];
-                for word in 0..WORDS {
-                    ends.hit[word] &= inside[word];
-                    ends.ground[word] &= inside[word];
+                for mask in [&mut ends.hit, &mut ends.ground] {
+                    mask.iter_mut().zip(inside).for_each(|(word, inside)| *word &= inside);
                 }
             }
         }

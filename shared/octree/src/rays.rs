@@ -267,8 +267,7 @@ impl Origin {
         for lane in 0..LANES {
             let (direction, length) = direction_and_length(self.point, rays[lane].end);
             lengths[lane] = f64::from(length as f32);
-            for axis in 0..3 {
-                let along = direction[axis];
+            for (axis, along) in direction.into_iter().enumerate() {
                 let forward = usize::from(along > 0.0);
                 let is_along = along != 0.0;
                 let crossing = self.borders[axis][forward] / f64::from(along);

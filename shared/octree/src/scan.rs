@@ -78,7 +78,8 @@ impl OctreeMap {
     /// Same voxels and values as OctoMap's `insertPointCloud`; ground and misses as `octomap_server` adds ground points,
     /// except that the voxel of a ground point is free, too. A point or origin without a key is dropped and counted.
     ///
-    /// Allocates only while a scan touches more bricks than any before, or new ones.
+    /// Allocates only while a scan touches more bricks than any before, for new bricks, for bricks that need more bits and
+    /// for values that never occurred before (each doubling of the palette); and to start further threads.
     pub fn insert_scan(&mut self, scan: &Scan<'_>, options: &ScanOptions) -> ScanReport {
         let mut report = ScanReport::default();
         self.marks.clear();
@@ -101,12 +102,12 @@ impl OctreeMap {
         let mut sorter =
             Sorter { space: &self.space, origin: scan.origin, options, bounds, rays: &mut self.rays, report };
         let hits = sorter.add(scan.hits, End::Hit);
-        let ground = sorter.add(scan.ground, End::Ground);
+        sorter.add(scan.ground, End::Ground);
         sorter.add(scan.misses, End::Nothing);
         // A block of coarse free space may reach out of the box of the rays.
         let margin = if options.coarse_free_space { 8 } else { 2 };
         self.marks.start(Window::around(key, &self.rays, margin));
-        self.mark_ends(hits, ground, options.discretize);
+        self.mark_ends(hits, options.discretize);
         let from = Origin::new(&self.space, scan.origin, key, self.marks.window());
         let coarse = options.coarse_free_space
             && self.coarse.get_or_insert_with(|| CoarseCaster::new(self.bricks.max())).cast(
@@ -141,9 +142,9 @@ impl OctreeMap {
         report.refused_bricks = self.marks.refused;
     }
 
-    /// Marks the ends of the rays, of which the first are hits and the next ground. Where only `first` rays to a voxel
+    /// Marks the ends of the rays, of which the first `hits` end as hits and the others, if their ends say anything, on the ground. Where only `first` rays to a voxel
     /// count, takes the others out: they would mark the same voxels again.
-    fn mark_ends(&mut self, hits: usize, ground: usize, first: bool) {
+    fn mark_ends(&mut self, hits: usize, first: bool) {
         let mut n = 0;
         let mut marks = |ray: &Ray| {
             let code = self.marks.window().code(ray.key);
@@ -154,7 +155,6 @@ impl OctreeMap {
             let is_first = if n <= hits { self.marks.mark_hit(code) } else { self.marks.mark_ground(code) };
             is_first || !first
         };
-        let _ = ground;
         if first {
             self.rays.retain(&mut marks);
         } else {
