@@ -33,6 +33,14 @@ pub(crate) struct Ray {
     pub(crate) ends: bool,
 }
 
+impl Ray {
+    /// Steps from the origin's voxel to that of the end.
+    #[inline]
+    pub(crate) fn steps(&self, origin: Key) -> u32 {
+        (0..3).map(|axis| u32::from(self.key[axis].abs_diff(origin[axis]))).sum()
+    }
+}
+
 /// Casts rays and keeps the memory that this needs.
 #[derive(Debug)]
 pub(crate) struct Caster {
@@ -87,7 +95,7 @@ impl Caster {
         for batch in rays.chunks(BATCH) {
             self.order.clear();
             for (n, ray) in batch.iter().enumerate() {
-                let steps = (0..3).map(|axis| u32::from(ray.key[axis].abs_diff(from.key[axis]))).sum::<u32>();
+                let steps = ray.steps(from.key);
                 if steps > MAX_STEPS || !from.window.is_dense() {
                     from.walk(ray, marks);
                 } else if steps > 0 {

@@ -122,12 +122,13 @@ impl OctreeMap {
         } else if self.helpers.is_empty() {
             self.caster.cast(&from, &self.rays, &mut self.marks);
         } else {
-            let share = self.rays.len().div_ceil(self.threads).max(1);
-            let mut shares = self.rays.chunks(share);
-            let own = shares.next().unwrap_or_default();
+            let (own, mut rest) = split_by_steps(&self.rays, key, self.threads);
             std::thread::scope(|scope| {
-                for (helper, rays) in self.helpers.iter_mut().zip(shares) {
-                    scope.spawn(|| helper.cast(&from, rays));
+                for (n, helper) in self.helpers.iter_mut().enumerate() {
+                    let (rays, after) = split_by_steps(rest, key, self.threads - 1 - n);
+                    rest = after;
+                    let from = &from;
+                    scope.spawn(move || helper.cast(from, rays));
                 }
                 self.caster.cast(&from, own, &mut self.marks);
             });
@@ -163,6 +164,20 @@ impl OctreeMap {
             });
         }
     }
+}
+
+/// Takes so many first rays that they have one of `shares` equal shares of all steps.
+fn split_by_steps(rays: &[Ray], origin: Key, shares: usize) -> (&[Ray], &[Ray]) {
+    let total: u64 = rays.iter().map(|ray| u64::from(ray.steps(origin))).sum();
+    let mut left = total / shares.max(1) as u64;
+    let mut within = |ray: &Ray| {
+        let steps = u64::from(ray.steps(origin));
+        let fits = steps <= left;
+        left = left.saturating_sub(steps);
+        fits
+    };
+    let taken = if shares <= 1 { rays.len() } else { rays.iter().take_while(|ray| within(ray)).count() };
+    rays.split_at(taken)
 }
 
 /// What the end of a ray says about its voxel.
