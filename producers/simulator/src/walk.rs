@@ -148,8 +148,7 @@ impl Walk {
     /// meets the building within `limit_m` metres, in the map frame: for sensors that are not simulated. Exact, without
     /// noise and without people.
     pub fn cast(&self, time_ns: i64, direction: &Vector3<f64>, limit_m: f64) -> Option<Point3<f64>> {
-        let world_from_lidar =
-            self.trajectory.at(time_ns as f64 * 1e-9).world_from_imu * self.imu_from_lidar;
+        let world_from_lidar = self.trajectory.at(time_ns as f64 * 1e-9).world_from_imu * self.imu_from_lidar;
         let ray = Ray::new(world_from_lidar.translation.vector, world_from_lidar * direction);
         let (range, _) = self.world.cast(&ray, &[], limit_m)?;
         Some(self.map_from_world * Point3::from(ray.origin + ray.direction * range))
