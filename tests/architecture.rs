@@ -43,6 +43,9 @@ fn allowed(name: &str) -> &'static [&'static str] {
             "evac-odometry",
             "evac-stage",
         ],
+        "evac-octomap-bench" => {
+            &["evac-formats", "evac-frames", "evac-geometry", "evac-octree", "evac-simulator", "evac-stage"]
+        }
         "evac-grid-exporter" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-picture", "evac-stage"]
         }

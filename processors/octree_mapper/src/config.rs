@@ -16,7 +16,7 @@ pub struct OctreeMapperConfig {
     /// Farthest place that a hit may occupy, metres; the ray of a farther point only clears up to here. 30: beyond it
     /// neighbouring points of one Mid-40 frame lie about two voxels apart, and a heading error of 0.2 degrees is a voxel.
     pub max_range_m: f64,
-    /// Most bricks of 8 x 8 x 8 voxels. 262,144: at 0.1 m a station of 150 m x 75 m x 12 m seen whole, in 0.6 GB. Scans
+    /// Most bricks of 8 x 8 x 8 voxels. 262,144: at 0.1 m a station of 150 m x 75 m x 12 m seen whole, in about 0.1 GB. Scans
     /// of which a part does not fit count as degraded.
     pub max_bricks: u32,
     /// Whether scans of an odometry that is still initialising go into the map. Off: their pose is the identity, which

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evac_formats::wt901c::Scales;
 use evac_frames::{FrameHeader, ImuSample, Point, PoseFrame, ScanHeader, TrackingState, frame_flags};
-use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use evac_geometry::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use evac_geometry::{STANDARD_GRAVITY, set_map_from_imu, set_map_from_lidar};
 use evac_stage::{Rig, ScanWithImu, StageConfig as _, StageError};
 
@@ -12,7 +12,7 @@ use crate::config::Config;
 use crate::mid40::{Mid40, SHOTS_PER_FRAME};
 use crate::random::Random;
 use crate::trajectory::{Gait, Trajectory};
-use crate::world::World;
+use crate::world::{Ray, World};
 use crate::wt901c::Wt901c;
 
 /// Length of a frame, nanoseconds.
@@ -142,6 +142,16 @@ impl Walk {
     /// The true pose of the LiDAR in the map frame at a sensor time in nanoseconds.
     pub fn map_from_lidar(&self, time_ns: i64) -> Isometry3<f64> {
         self.map_from_world * self.trajectory.at(time_ns as f64 * 1e-9).world_from_imu * self.imu_from_lidar
+    }
+
+    /// Where a ray that leaves the LiDAR along `direction` (unit vector, LiDAR frame) at a sensor time in nanoseconds first
+    /// meets the building within `limit_m` metres, in the map frame: for sensors that are not simulated. Exact, without
+    /// noise and without people.
+    pub fn cast(&self, time_ns: i64, direction: &Vector3<f64>, limit_m: f64) -> Option<Point3<f64>> {
+        let world_from_lidar = self.trajectory.at(time_ns as f64 * 1e-9).world_from_imu * self.imu_from_lidar;
+        let ray = Ray::new(world_from_lidar.translation.vector, world_from_lidar * direction);
+        let (range, _) = self.world.cast(&ray, &[], limit_m)?;
+        Some(self.map_from_world * Point3::from(ray.origin + ray.direction * range))
     }
 
     /// What the IMU's own clock shows at a sensor time, both in nanoseconds.

@@ -1,56 +1,46 @@
-//! Where the voxels are kept. The rest of the crate knows only this module's functions, so that another layout
-//! (palettes, uniform tiles, shared memory) can take its place.
+//! The bricks of a map: a directory over stores that threads can update apart from each other.
 
-use rustc_hash::FxHashMap;
+use crate::directory::{Directory, NOWHERE, Near};
+use crate::mask::{self, BRICK_VOXELS, Bits, Mask};
+use crate::morton;
+use crate::palette::{Palette, UNKNOWN};
+use crate::store::Store;
+use crate::{Key, SensorModel};
 
-use crate::morton::BRICK_BITS;
+/// Low bits of a brick's code that choose its store: neighbours along x, y and z are in different ones.
+const SHARD_BITS: u32 = 3;
 
-/// Voxels of a brick.
-pub(crate) const BRICK_VOXELS: usize = 1 << BRICK_BITS;
+/// Number of stores.
+pub(crate) const SHARDS: usize = 1 << SHARD_BITS;
 
-/// Bricks that are allocated together: large enough that the system hands out zeroed pages.
-const CHUNK: usize = 64;
-
-/// One bit per voxel of a brick, in Morton order.
-pub(crate) type Mask = [u64; BRICK_VOXELS / 64];
-
-/// The voxels of 8 x 8 x 8, in Morton order.
-pub(crate) struct Brick<'a> {
-    /// Zero where `known` lacks the bit.
-    pub(crate) log_odds: &'a [f32; BRICK_VOXELS],
-    pub(crate) known: &'a Mask,
-    pub(crate) ground: &'a Mask,
-}
-
-/// The same, to be written.
-pub(crate) struct BrickMut<'a> {
-    pub(crate) log_odds: &'a mut [f32; BRICK_VOXELS],
-    pub(crate) known: &'a mut Mask,
-    pub(crate) ground: &'a mut Mask,
-}
-
-/// Bricks by code (a voxel's Morton code without its last 9 bits).
-#[derive(Debug)]
+/// Bricks by code (a voxel's Morton code without its last 9 bits). A brick's place never changes; it says which store
+/// it is in, and where.
+#[derive(Clone, Debug)]
 pub(crate) struct Bricks {
-    directory: FxHashMap<u64, u32>,
-    chunks: Vec<Chunk>,
+    directory: Directory,
+    stores: Vec<Store>,
+    palette: Palette,
     max: u32,
 }
 
-#[derive(Debug)]
-struct Chunk {
-    log_odds: Vec<[f32; BRICK_VOXELS]>,
-    known: Vec<Mask>,
-    ground: Vec<Mask>,
+/// The store of a place, and the brick's index there.
+#[inline]
+pub(crate) fn split_place(place: u32) -> (usize, u32) {
+    (place as usize % SHARDS, place >> SHARD_BITS)
 }
 
 impl Bricks {
-    pub(crate) fn new(max: u32) -> Self {
-        Self { directory: FxHashMap::default(), chunks: Vec::new(), max }
+    pub(crate) fn new(max: u32, sensor: SensorModel) -> Self {
+        Self {
+            directory: Directory::default(),
+            stores: vec![Store::default(); SHARDS],
+            palette: Palette::new(sensor),
+            max: max.min(NOWHERE >> SHARD_BITS),
+        }
     }
 
     pub(crate) fn len(&self) -> u32 {
-        self.directory.len() as u32
+        self.directory.len()
     }
 
     pub(crate) fn max(&self) -> u32 {
@@ -59,105 +49,157 @@ impl Bricks {
 
     /// Bytes held, the directory included.
     pub(crate) fn memory_bytes(&self) -> usize {
-        let brick = size_of::<[f32; BRICK_VOXELS]>() + 2 * size_of::<Mask>();
-        // The table holds a control byte beside each entry.
-        let entry = size_of::<(u64, u32)>() + 1;
-        self.chunks.len() * CHUNK * brick + self.directory.capacity() * entry * 8 / 7
+        self.directory.memory_bytes()
+            + self.palette.memory_bytes()
+            + self.stores.iter().map(Store::memory_bytes).sum::<usize>()
     }
 
-    /// Place of the brick in the store; it never moves.
+    /// Bytes held that hold nothing now.
+    pub(crate) fn free_bytes(&self) -> usize {
+        self.stores.iter().map(Store::free_bytes).sum()
+    }
+
+    /// Place of the brick; it never moves.
     #[inline]
     pub(crate) fn find(&self, code: u64) -> Option<u32> {
-        self.directory.get(&code).copied()
+        self.find_near(code, &mut Near::default())
     }
 
-    /// The same, with a new empty brick where there was none; `None` where the ceiling forbids it.
-    pub(crate) fn find_or_add(&mut self, code: u64) -> Option<u32> {
-        if let Some(place) = self.find(code) {
-            return Some(place);
-        }
-        let place = self.len();
-        if place >= self.max {
+    /// The same, faster where `near` is from a look-up close by.
+    #[inline]
+    pub(crate) fn find_near(&self, code: u64, near: &mut Near) -> Option<u32> {
+        let place = self.directory.find_near(code, near);
+        (place != NOWHERE).then_some(place)
+    }
+
+    /// The same, with a new brick where there was none; `None` where the ceiling forbids it.
+    #[inline]
+    pub(crate) fn find_or_add(&mut self, code: u64, near: &mut Near) -> Option<u32> {
+        let place = self.directory.find_near(code, near);
+        if place != NOWHERE { Some(place) } else { self.add(code, near) }
+    }
+
+    fn add(&mut self, code: u64, near: &mut Near) -> Option<u32> {
+        if self.len() >= self.max {
             return None;
         }
-        if place as usize == self.chunks.len() * CHUNK {
-            self.chunks.push(Chunk {
-                log_odds: vec![[0.0; BRICK_VOXELS]; CHUNK],
-                known: vec![[0; BRICK_VOXELS / 64]; CHUNK],
-                ground: vec![[0; BRICK_VOXELS / 64]; CHUNK],
-            });
-        }
+        let shard = code as usize % SHARDS;
+        let place = self.stores[shard].add() << SHARD_BITS | shard as u32;
         self.directory.insert(code, place);
+        *near = Near::default();
         Some(place)
     }
 
-    /// The brick at a place that [`Self::find`] gave.
-    #[inline]
-    pub(crate) fn get(&self, place: u32) -> Brick<'_> {
-        let (chunk, at) = (&self.chunks[place as usize / CHUNK], place as usize % CHUNK);
-        Brick { log_odds: &chunk.log_odds[at], known: &chunk.known[at], ground: &chunk.ground[at] }
+    /// Forgets a brick.
+    pub(crate) fn remove(&mut self, code: u64) {
+        let Some(place) = self.find(code) else { return };
+        self.directory.remove(code);
+        let (shard, index) = split_place(place);
+        self.stores[shard].remove(index);
     }
 
-    /// The brick at a place that [`Self::find_or_add`] gave.
+    /// The store of a place, and the brick's index there.
     #[inline]
-    pub(crate) fn get_mut(&mut self, place: u32) -> BrickMut<'_> {
-        let (chunk, at) = (&mut self.chunks[place as usize / CHUNK], place as usize % CHUNK);
-        BrickMut {
-            log_odds: &mut chunk.log_odds[at],
-            known: &mut chunk.known[at],
-            ground: &mut chunk.ground[at],
+    pub(crate) fn at(&self, place: u32) -> (&Store, u32) {
+        let (shard, index) = split_place(place);
+        (&self.stores[shard], index)
+    }
+
+    /// The same, to be written.
+    #[inline]
+    pub(crate) fn at_mut(&mut self, place: u32) -> (&mut Store, u32) {
+        let (shard, index) = split_place(place);
+        (&mut self.stores[shard], index)
+    }
+
+    /// All stores, for threads, and what their states mean.
+    pub(crate) fn stores_mut(&mut self) -> (&mut [Store], &mut Palette) {
+        (&mut self.stores, &mut self.palette)
+    }
+
+    /// What the states in the stores mean.
+    #[inline]
+    pub(crate) fn palette(&self) -> &Palette {
+        &self.palette
+    }
+
+    /// Gives voxels of a brick one value.
+    pub(crate) fn assign(&mut self, place: u32, mask: &Mask, value: f32, revision: u32) {
+        let (shard, index) = split_place(place);
+        self.stores[shard].assign(index, mask, value, &mut self.palette);
+        self.stores[shard].set_revision(index, revision);
+    }
+
+    /// Gives a new brick its voxels: the values of those that are known.
+    pub(crate) fn fill(&mut self, place: u32, known: &Mask, values: &[f32; BRICK_VOXELS], revision: u32) {
+        let (shard, index) = split_place(place);
+        let mut states = [UNKNOWN; BRICK_VOXELS];
+        let mut last = (f32::NAN.to_bits(), UNKNOWN);
+        for voxel in Bits::of(*known) {
+            let value = values[voxel];
+            if value.to_bits() != last.0 {
+                let Some(state) = self.palette.state(value) else {
+                    for voxel in Bits::of(*known) {
+                        self.assign(place, &mask::range(voxel, 1), values[voxel], revision);
+                    }
+                    return;
+                };
+                last = (value.to_bits(), state);
+            }
+            states[voxel] = last.1;
         }
+        self.stores[shard].fill(index, &states);
+        self.stores[shard].set_revision(index, revision);
+    }
+
+    /// Log-odds of a brick's voxel; `None` where it is unknown.
+    #[inline]
+    pub(crate) fn value(&self, place: u32, voxel: usize) -> Option<f32> {
+        let (store, index) = self.at(place);
+        store.value(index, voxel, &self.palette)
+    }
+
+    /// The voxels with a value.
+    pub(crate) fn known(&self, place: u32) -> Mask {
+        let (store, index) = self.at(place);
+        store.known(index)
+    }
+
+    /// The voxels with a ground flag.
+    pub(crate) fn ground(&self, place: u32) -> Mask {
+        let (store, index) = self.at(place);
+        store.ground(index)
+    }
+
+    /// Calls `visit` with code and place of every brick that overlaps a box of keys, both inclusive: by the box where it is
+    /// small, by the map where that is.
+    pub(crate) fn for_each_in(&self, min: Key, max: Key, mut visit: impl FnMut(u64, u32)) {
+        let (low, high) = (min.map(|axis| axis >> 3), max.map(|axis| axis >> 3));
+        let spans = [0, 1, 2].map(|axis| u64::from(high[axis].saturating_sub(low[axis])) + 1);
+        if spans.iter().product::<u64>() <= 4 * u64::from(self.len()) {
+            let mut near = Near::default();
+            for z in low[2]..=high[2] {
+                for y in low[1]..=high[1] {
+                    for x in low[0]..=high[0] {
+                        let code = morton::encode([x, y, z]);
+                        if let Some(place) = self.find_near(code, &mut near) {
+                            visit(code, place);
+                        }
+                    }
+                }
+            }
+            return;
+        }
+        self.directory.for_each(|code, place| {
+            let brick = morton::decode(code);
+            if (0..3).all(|axis| (low[axis]..=high[axis]).contains(&brick[axis])) {
+                visit(code, place);
+            }
+        });
     }
 
     /// Codes and places of all bricks in Morton order.
     pub(crate) fn sorted(&self) -> Vec<(u64, u32)> {
-        let mut all: Vec<_> = self.directory.iter().map(|(&code, &place)| (code, place)).collect();
-        all.sort_unstable();
-        all
-    }
-}
-
-/// Whether a mask has the bit of a voxel.
-#[inline]
-pub(crate) fn has(mask: &Mask, voxel: usize) -> bool {
-    mask[voxel / 64] >> (voxel % 64) & 1 != 0
-}
-
-/// Sets the bit of a voxel and says whether it was clear.
-#[inline]
-pub(crate) fn set(mask: &mut Mask, voxel: usize) -> bool {
-    let bit = 1u64 << (voxel % 64);
-    let was_clear = mask[voxel / 64] & bit == 0;
-    mask[voxel / 64] |= bit;
-    was_clear
-}
-
-/// The set bits of a mask, ascending.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Bits {
-    mask: Mask,
-    word: usize,
-}
-
-impl Bits {
-    pub(crate) fn of(mask: Mask) -> Self {
-        Self { mask, word: 0 }
-    }
-}
-
-impl Iterator for Bits {
-    type Item = usize;
-
-    #[inline]
-    fn next(&mut self) -> Option<usize> {
-        while let Some(word) = self.mask.get_mut(self.word) {
-            if *word != 0 {
-                let bit = word.trailing_zeros() as usize;
-                *word &= *word - 1;
-                return Some(self.word * 64 + bit);
-            }
-            self.word += 1;
-        }
-        None
+        self.directory.sorted()
     }
 }

@@ -1,6 +1,6 @@
 //! Rays through the finished map.
 
-use crate::bricks::has;
+use crate::directory::Near;
 use crate::morton::{self, BRICK_BITS};
 use crate::trace::{HalfVoxel, Walk, norm};
 use crate::{Occupancy, OctreeMap};
@@ -38,30 +38,59 @@ impl OctreeMap {
             return None;
         }
         let mut walk = Walk::new(self.space(), origin, key, unit, HalfVoxel::Double);
-        // The brick where the walk is; most steps stay in it.
-        let mut brick = walk.code >> BRICK_BITS;
-        let mut place = self.bricks.find(brick);
+        // The centre of a voxel on the ray is at most this much farther than where the ray leaves it.
+        let safe = max_range.map_or(f64::INFINITY, |range| range - 2.0 * self.space().resolution());
+        let end = |code| self.space().centre(morton::decode(code)).map(|c| c as f32);
+        let is_beyond =
+            |code| max_range.is_some_and(|range| distance_squared(origin, end(code)) > range * range);
+        let stopped = |hit, code| Some(RayCast { hit, end: end(code) });
+        let mut near = Near::default();
+        let mut advanced = walk.advance();
         loop {
-            let advanced = walk.advance();
-            let end = self.space().centre(morton::decode(walk.code)).map(|c| c as f32);
-            if !advanced || max_range.is_some_and(|range| distance_squared(origin, end) > range * range) {
-                return Some(RayCast { hit: false, end });
-            }
-            if walk.code >> BRICK_BITS != brick {
-                brick = walk.code >> BRICK_BITS;
-                place = self.bricks.find(brick);
-            }
-            let voxel = (walk.code & ((1 << BRICK_BITS) - 1)) as usize;
-            let value = place
-                .map(|place| self.bricks.get(place))
-                .and_then(|brick| has(brick.known, voxel).then(|| brick.log_odds[voxel]));
-            match value {
-                Some(value) if self.sensor().is_occupied(value) => return Some(RayCast { hit: true, end }),
-                None if !through_unknown => return Some(RayCast { hit: false, end }),
-                _ => {}
+            // Most steps stay in the brick, and most bricks need no look at their voxels.
+            let brick = walk.code >> BRICK_BITS;
+            let here = self.here(brick, &mut near);
+            loop {
+                if !advanced || walk.next_crossing() > safe && is_beyond(walk.code) {
+                    return stopped(false, walk.code);
+                }
+                let occupancy = match here {
+                    Here::Unknown => Occupancy::Unknown,
+                    Here::Uniform(occupancy) => occupancy,
+                    Here::Mixed(place) => {
+                        let voxel = (walk.code & ((1 << BRICK_BITS) - 1)) as usize;
+                        self.occupancy_of(self.bricks.value(place, voxel))
+                    }
+                };
+                match occupancy {
+                    Occupancy::Occupied => return stopped(true, walk.code),
+                    Occupancy::Unknown if !through_unknown => return stopped(false, walk.code),
+                    _ => {}
+                }
+                advanced = walk.advance();
+                if walk.code >> BRICK_BITS != brick {
+                    break;
+                }
             }
         }
     }
+
+    fn here(&self, brick: u64, near: &mut Near) -> Here {
+        let Some(place) = self.bricks.find_near(brick, near) else { return Here::Unknown };
+        match self.bricks.uniform(place) {
+            Some(value) => Here::Uniform(self.occupancy_of(Some(value))),
+            None => Here::Mixed(place),
+        }
+    }
+}
+
+/// What is in the brick where a ray is.
+#[derive(Clone, Copy)]
+enum Here {
+    Unknown,
+    Uniform(Occupancy),
+    /// Each voxel must be looked at, in the brick at this place.
+    Mixed(u32),
 }
 
 /// Squares in `f32`, their sum in `f64`, as OctoMap has it.

@@ -3,7 +3,8 @@
 use evac_frames::Voxel;
 
 use crate::OctreeMap;
-use crate::bricks::Bits;
+use crate::bricks::split_place;
+use crate::mask::{Bits, Mask};
 use crate::voxels::frame;
 
 /// The voxels that the last scan changed, in Morton order; see [`OctreeMap::changes`].
@@ -12,7 +13,9 @@ pub struct Changes<'a> {
     map: &'a OctreeMap,
     /// Number of the next brick of the scan.
     next: usize,
+    /// Code and place.
     brick: (u64, u32),
+    ground: Mask,
     bits: Bits,
     left: usize,
 }
@@ -24,9 +27,17 @@ impl OctreeMap {
     }
 
     /// The voxels to which the last [`Self::insert_scan`] gave a new value or a new flag, with their present state, in
-    /// Morton order. A voxel that was at its clamp and stays there is not among them. Does not allocate.
+    /// Morton order. A voxel that was at its clamp and stays there is not among them. Does not allocate. Nothing after
+    /// bricks were taken out of the map.
     pub fn changes(&self) -> Changes<'_> {
-        Changes { map: self, next: 0, brick: (0, 0), bits: Bits::default(), left: self.changed }
+        Changes {
+            map: self,
+            next: 0,
+            brick: (0, 0),
+            ground: Mask::default(),
+            bits: Bits::default(),
+            left: self.changed,
+        }
     }
 }
 
@@ -39,13 +50,14 @@ impl Iterator for Changes<'_> {
             let (code, place) = self.brick;
             if let Some(voxel) = self.bits.next() {
                 self.left -= 1;
-                return Some(frame(code, &self.map.bricks.get(place), voxel));
+                return Some(frame(code, self.map.bricks.value(place, voxel), &self.ground, voxel));
             }
-            // A brick that was refused has no changes.
-            let marks = self.map.marks.sorted(self.next)?;
+            let marked = self.map.marked.get(self.next)?;
             self.next += 1;
-            self.brick = (marks.brick, marks.place);
-            self.bits = Bits::of(marks.changed);
+            self.brick = (marked.brick, marked.place);
+            self.ground = self.map.bricks.ground(marked.place);
+            let (store, _) = split_place(marked.place);
+            self.bits = Bits::of(self.map.work[store].changed[marked.number as usize]);
         }
     }
 

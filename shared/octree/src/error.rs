@@ -24,11 +24,19 @@ pub enum MapError {
     )]
     Sensor(SensorModel),
     /// The ceiling on bricks allows no voxel at all.
-    #[error("max_bricks is 0; allow at least one brick (about 2.2 kB each)")]
+    #[error("max_bricks is 0; allow at least one brick (0.1 to 1 kB each)")]
     NoBricks,
+    /// The other map has voxels of another size.
+    #[error("the maps have voxels of {ours} m and {theirs} m; only maps of one resolution can be merged")]
+    OtherResolution {
+        /// Edge of this map's voxels, metres.
+        ours: f64,
+        /// Edge of the other's.
+        theirs: f64,
+    },
     /// A tree needs more memory than the map may use.
     #[error(
-        "the tree needs more than {max_bricks} bricks of 8x8x8 voxels; raise max_bricks (about 2.2 kB each)"
+        "the tree needs more than {max_bricks} bricks of 8x8x8 voxels; raise max_bricks (0.1 to 1 kB each)"
     )]
     TooLarge {
         /// The ceiling.

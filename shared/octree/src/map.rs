@@ -2,9 +2,14 @@
 
 use evac_frames::{Voxel, voxel_flags};
 
-use crate::bricks::{Bricks, has, set};
+use crate::apply::{Marked, StoreWork};
+use crate::bricks::{Bricks, SHARDS};
+use crate::coarse::CoarseCaster;
+use crate::directory::Near;
 use crate::marks::ScanMarks;
+use crate::mask::{has, range};
 use crate::morton::{self, BRICK_BITS};
+use crate::rays::{Caster, Helper, Ray};
 use crate::{Key, KeySpace, MapError, Occupancy, Rejected, SensorModel};
 
 /// What a map is made from.
@@ -14,31 +19,53 @@ pub struct MapConfig {
     pub resolution: f64,
     /// How rays change voxels.
     pub sensor: SensorModel,
-    /// Most bricks of 8 x 8 x 8 voxels that the map may hold (about 2.2 kB each); further ones are refused and counted.
-    /// A single scan may touch as many (0.3 kB each while it does).
+    /// Most bricks of 8 x 8 x 8 voxels that the map may hold (40 bytes to 1 kB each, by how
+    /// many different values are in it; 2.1 kB as the last resort where a map has more than 65,535 values); further ones are
+    /// refused and counted in [`crate::ScanReport::refused_bricks`], those first in Morton order stay.
+    /// A single scan may touch as many, and at least 65,536 (0.2 kB each, kept for the next scan).
     pub max_bricks: u32,
+    /// Threads that insert a scan, the calling one included; 0 counts as 1, more than 8 as 8. The map is the same with any
+    /// number. Starting them costs some 50 microseconds a scan and allocates.
+    pub threads: u32,
 }
 
 impl MapConfig {
-    /// OctoMap's sensor model and a ceiling of 1,000,000 bricks (2.2 GB).
+    /// OctoMap's sensor model and a ceiling of 1,000,000 bricks (0.3 GB of a building's map, 2.1 GB at worst).
     pub fn new(resolution: f64) -> Self {
-        Self { resolution, sensor: SensorModel::default(), max_bricks: 1_000_000 }
+        Self { resolution, sensor: SensorModel::default(), max_bricks: 1_000_000, threads: 1 }
     }
 }
 
 /// A sparse voxel map with OctoMap's semantics.
 #[derive(Debug)]
 pub struct OctreeMap {
-    space: KeySpace,
+    pub(crate) space: KeySpace,
     pub(crate) sensor: SensorModel,
     pub(crate) bricks: Bricks,
     pub(crate) marks: ScanMarks,
+    pub(crate) rays: Vec<Ray>,
+    pub(crate) caster: Caster,
+    /// Where coarse free space was asked for.
+    pub(crate) coarse: Option<CoarseCaster>,
+    /// One for each thread but the first.
+    pub(crate) helpers: Vec<Helper>,
+    pub(crate) threads: usize,
+    /// The bricks that the last scan marked, in Morton order.
+    pub(crate) marked: Vec<Marked>,
+    /// What it did to them, by store.
+    pub(crate) work: Vec<StoreWork>,
     /// Voxels with a log-odds value.
     pub(crate) known: usize,
     /// Voxels with a value or a flag.
     pub(crate) listed: usize,
     /// Voxels that the last scan changed.
     pub(crate) changed: usize,
+    /// Number of the last scan.
+    pub(crate) scan: u32,
+    /// Number of the last change.
+    pub(crate) revision: u32,
+    /// Number of the last change that took voxels out.
+    pub(crate) removal: u32,
 }
 
 impl OctreeMap {
@@ -47,7 +74,8 @@ impl OctreeMap {
     /// # Errors
     /// [`MapError`] where the resolution is no length, the sensor model none, or no brick is allowed.
     pub fn new(config: MapConfig) -> Result<Self, MapError> {
-        let MapConfig { resolution, sensor, max_bricks } = config;
+        let MapConfig { resolution, sensor, max_bricks, threads } = config;
+        let threads = (threads as usize).clamp(1, SHARDS);
         let space = KeySpace::new(resolution).ok_or(MapError::Resolution(resolution))?;
         if !sensor.is_valid() {
             return Err(MapError::Sensor(sensor));
@@ -58,11 +86,21 @@ impl OctreeMap {
         Ok(Self {
             space,
             sensor,
-            bricks: Bricks::new(max_bricks),
+            bricks: Bricks::new(max_bricks, sensor),
             marks: ScanMarks::new(max_bricks),
+            rays: Vec::new(),
+            caster: Caster::default(),
+            coarse: None,
+            helpers: (1..threads).map(|_| Helper::new(max_bricks)).collect(),
+            threads,
+            marked: Vec::new(),
+            work: (0..SHARDS).map(|_| StoreWork::default()).collect(),
             known: 0,
             listed: 0,
             changed: 0,
+            scan: 0,
+            revision: 0,
+            removal: 0,
         })
     }
 
@@ -91,6 +129,22 @@ impl OctreeMap {
         self.bricks.memory_bytes()
     }
 
+    /// Those of [`Self::memory_bytes`] that hold nothing at present and are used again before more are taken.
+    pub fn free_bytes(&self) -> usize {
+        self.bricks.free_bytes()
+    }
+
+    /// Bytes that are kept from scan to scan to work in. Grows with the largest scan, not with the map.
+    pub fn scratch_bytes(&self) -> usize {
+        self.marks.memory_bytes()
+            + self.rays.capacity() * size_of::<Ray>()
+            + self.caster.memory_bytes()
+            + self.coarse.as_ref().map_or(0, CoarseCaster::memory_bytes)
+            + self.helpers.iter().map(Helper::memory_bytes).sum::<usize>()
+            + self.marked.capacity() * size_of::<Marked>()
+            + self.work.iter().map(StoreWork::memory_bytes).sum::<usize>()
+    }
+
     /// One hit or miss at a point, without a ray: OctoMap's `updateNode(point, hit)`. Gives the new log-odds.
     ///
     /// # Errors
@@ -111,16 +165,18 @@ impl OctreeMap {
     /// # Errors
     /// [`Rejected`]; the map is unchanged.
     pub fn set_voxel(&mut self, key: Key, log_odds: f32) -> Result<(), Rejected> {
+        // Minus zero would be another value than zero in files, and equal to it in pruning.
+        let log_odds = log_odds + 0.0;
         if !log_odds.is_finite() {
             return Err(Rejected::NotFinite);
         }
         let (place, voxel) = self.find_or_add(key)?;
-        let brick = self.bricks.get_mut(place);
-        brick.log_odds[voxel] = log_odds;
-        if set(brick.known, voxel) {
+        if self.bricks.value(place, voxel).is_none() {
             self.known += 1;
-            self.listed += usize::from(!has(brick.ground, voxel));
+            self.listed += usize::from(!has(&self.bricks.ground(place), voxel));
         }
+        self.revision = self.revision.wrapping_add(1);
+        self.bricks.assign(place, &range(voxel, 1), log_odds, self.revision);
         Ok(())
     }
 
@@ -130,10 +186,14 @@ impl OctreeMap {
     /// [`Rejected`]; the map is unchanged.
     pub fn set_ground(&mut self, key: Key) -> Result<(), Rejected> {
         let (place, voxel) = self.find_or_add(key)?;
-        let brick = self.bricks.get_mut(place);
-        if set(brick.ground, voxel) {
-            self.listed += usize::from(!has(brick.known, voxel));
+        if has(&self.bricks.ground(place), voxel) {
+            return Ok(());
         }
+        self.listed += usize::from(self.bricks.value(place, voxel).is_none());
+        self.revision = self.revision.wrapping_add(1);
+        let (store, index) = self.bricks.at_mut(place);
+        store.add_ground(index, &range(voxel, 1));
+        store.set_revision(index, self.revision);
         Ok(())
     }
 
@@ -155,14 +215,18 @@ impl OctreeMap {
     #[inline]
     pub fn log_odds(&self, key: Key) -> Option<f32> {
         let (brick, voxel) = split(key);
-        let brick = self.bricks.get(self.bricks.find(brick)?);
-        has(brick.known, voxel).then(|| brick.log_odds[voxel])
+        self.bricks.value(self.bricks.find(brick)?, voxel)
     }
 
     /// What is known of a voxel.
     #[inline]
     pub fn occupancy(&self, key: Key) -> Occupancy {
-        match self.log_odds(key) {
+        self.occupancy_of(self.log_odds(key))
+    }
+
+    #[inline]
+    pub(crate) fn occupancy_of(&self, log_odds: Option<f32>) -> Occupancy {
+        match log_odds {
             None => Occupancy::Unknown,
             Some(value) if self.sensor.is_occupied(value) => Occupancy::Occupied,
             Some(_) => Occupancy::Free,
@@ -173,19 +237,19 @@ impl OctreeMap {
     #[inline]
     pub fn is_ground(&self, key: Key) -> bool {
         let (brick, voxel) = split(key);
-        self.bricks.find(brick).is_some_and(|place| has(self.bricks.get(place).ground, voxel))
+        self.bricks.find(brick).is_some_and(|place| has(&self.bricks.ground(place), voxel))
     }
 
     fn find_or_add(&mut self, key: Key) -> Result<(u32, usize), Rejected> {
         let (brick, voxel) = split(key);
-        let place = self.bricks.find_or_add(brick).ok_or(Rejected::Full)?;
+        let place = self.bricks.find_or_add(brick, &mut Near::default()).ok_or(Rejected::Full)?;
         Ok((place, voxel))
     }
 }
 
 /// Code of the brick that holds a voxel, and the voxel's number in it.
 #[inline]
-fn split(key: Key) -> (u64, usize) {
+pub(crate) fn split(key: Key) -> (u64, usize) {
     let code = morton::encode(key);
     (code >> BRICK_BITS, (code & ((1 << BRICK_BITS) - 1)) as usize)
 }

@@ -1,188 +1,314 @@
 //! Which voxels one scan touches: bit masks per brick in place of sets of keys. Everything is kept for the next scan, so
 //! that a scan like the ones before it allocates nothing.
 
-use crate::bricks::{Mask, set};
-use crate::morton::BRICK_BITS;
+use crate::Key;
+use crate::mask::{self, Mask, WORDS};
+use crate::morton::{self, BRICK_BITS};
+use crate::window::Window;
 
 const VOXEL: u64 = (1 << BRICK_BITS) - 1;
-const NONE: u32 = u32::MAX;
+/// No slot, or no ends.
+pub(crate) const NONE: u32 = 0;
 
-/// What one scan says about a brick.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Marks {
-    /// Code of the brick.
-    pub(crate) brick: u64,
-    /// Passed by a ray, or the end of a ground ray.
-    pub(crate) free: Mask,
-    /// The end of a ray.
-    pub(crate) hit: Mask,
-    /// The end of a ground ray.
-    pub(crate) ground: Mask,
-    /// After the update: voxels with a new state.
-    pub(crate) changed: Mask,
-    /// After the update: where the brick is in the store.
-    pub(crate) place: u32,
+/// The slot that takes the marks of bricks that are refused.
+const WASTE: u32 = 1;
+
+/// What is known of a marked brick besides its free voxels.
+#[derive(Clone, Copy, Debug)]
+struct Info {
+    /// The brick's number in the window.
+    number: u64,
+    /// Index of its ends, or [`NONE`].
+    ends: u32,
     /// Where the table points here.
     entry: u32,
+}
+
+/// The ends of rays in a brick.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Ends {
+    pub(crate) hit: Mask,
+    pub(crate) ground: Mask,
+}
+
+impl Ends {
+    pub(crate) fn is_empty(&self) -> bool {
+        mask::is_empty(&self.hit) && mask::is_empty(&self.ground)
+    }
+}
+
+/// What one scan says about a brick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BrickMarks<'a> {
+    /// Passed by a ray, or the end of a ground ray.
+    pub(crate) free: &'a Mask,
+    pub(crate) ends: Option<&'a Ends>,
 }
 
 /// The marks of one scan.
 #[derive(Debug)]
 pub(crate) struct ScanMarks {
-    /// Open addressing: an index into `marks` or [`NONE`]; a power of two long, at most half full.
+    window: Window,
+    dense: bool,
+    /// Slot of each brick by its number in a dense window, otherwise by its hash (open addressing, a power of two long,
+    /// at most half full).
     table: Vec<u32>,
-    marks: Vec<Marks>,
+    /// Passed by a ray, or the end of a ground ray; after the update the voxels that changed. By slot.
+    free: Vec<Mask>,
+    infos: Vec<Info>,
     used: usize,
-    /// The used marks by ascending brick.
-    order: Vec<u32>,
+    ends: Vec<Ends>,
+    used_ends: usize,
     max: usize,
-    /// Brick of the last mark and its index, or [`NONE`] where it was refused: the next mark is mostly in it, too.
-    last_brick: u64,
-    last_index: u32,
     /// Times that a brick was refused because the scan touches more than `max`.
     pub(crate) refused: u32,
 }
 
 impl ScanMarks {
-    /// Marks for at most `max` bricks.
+    /// Marks for a map of at most `max` bricks: a scan may touch as many, and in a small map 65,536.
     pub(crate) fn new(max: u32) -> Self {
+        let waste = Info { number: u64::MAX, ends: NONE, entry: 0 };
         Self {
-            table: vec![NONE; 1024],
-            marks: Vec::new(),
-            used: 0,
-            order: Vec::new(),
-            max: max as usize,
-            last_brick: u64::MAX,
-            last_index: NONE,
+            window: Window::default(),
+            dense: true,
+            table: Vec::new(),
+            free: vec![[0; WORDS]; 2],
+            infos: vec![waste; 2],
+            used: 2,
+            ends: vec![Ends::default()],
+            used_ends: 1,
+            max: max.max(1 << 16) as usize,
             refused: 0,
+        }
+    }
+
+    /// Forgets the last scan and takes one that stays within a window.
+    pub(crate) fn start(&mut self, window: Window) {
+        self.clear();
+        self.window = window;
+        self.dense = window.is_dense();
+        let length = if self.dense { window.bricks() } else { 1 << 16 };
+        if self.table.len() < length {
+            // Fresh zeroed memory costs nothing until it is touched.
+            self.table = vec![NONE; length];
         }
     }
 
     /// Forgets the last scan.
     pub(crate) fn clear(&mut self) {
-        for marks in &self.marks[..self.used] {
-            self.table[marks.entry as usize] = NONE;
+        for info in &self.infos[2..self.used] {
+            self.table[info.entry as usize] = NONE;
         }
-        self.used = 0;
-        self.order.clear();
-        self.last_brick = u64::MAX;
-        self.last_index = NONE;
+        self.used = 2;
+        self.used_ends = 1;
         self.refused = 0;
+    }
+
+    pub(crate) fn window(&self) -> &Window {
+        &self.window
     }
 
     /// A ray passes through the voxel.
     #[inline]
     pub(crate) fn mark_free(&mut self, code: u64) {
-        if let Some(marks) = self.at(code) {
-            set(&mut marks.free, (code & VOXEL) as usize);
-        }
+        let slot = self.slot(code >> BRICK_BITS);
+        self.free[slot as usize][(code >> 6) as usize % WORDS] |= 1 << (code % 64);
     }
 
-    /// A ray ends in the voxel.
+    /// Rays pass through the voxels.
     #[inline]
-    pub(crate) fn mark_hit(&mut self, code: u64) {
-        if let Some(marks) = self.at(code) {
-            set(&mut marks.hit, (code & VOXEL) as usize);
+    pub(crate) fn mark_all_free(&mut self, mut codes: &[u64]) {
+        while !codes.is_empty() {
+            let done = if self.dense { self.mark_present(codes) } else { 0 };
+            codes = &codes[done..];
+            if let Some((&first, rest)) = codes.split_first() {
+                self.mark_free(first);
+                codes = rest;
+            }
         }
     }
 
-    /// A ground ray ends in the voxel.
+    /// Marks voxels up to the first whose brick has no slot yet; gives their number.
     #[inline]
-    pub(crate) fn mark_ground(&mut self, code: u64) {
-        if let Some(marks) = self.at(code) {
-            set(&mut marks.free, (code & VOXEL) as usize);
-            set(&mut marks.ground, (code & VOXEL) as usize);
+    fn mark_present(&mut self, codes: &[u64]) -> usize {
+        let (table, free) = (&self.table[..], self.free.as_flattened_mut());
+        for (n, &code) in codes.iter().enumerate() {
+            let slot = table[(code >> BRICK_BITS) as usize];
+            if slot == NONE {
+                return n;
+            }
+            free[slot as usize * WORDS + (code >> 6) as usize % WORDS] |= 1 << (code % 64);
+        }
+        codes.len()
+    }
+
+    /// All rays pass through the block of 4 x 4 x 4 voxels, unless one ends in it.
+    pub(crate) fn mark_block(&mut self, key: Key) {
+        let code = self.window.code(key);
+        let (slot, word) = (self.slot(code >> BRICK_BITS), (code >> 6) as usize % WORDS);
+        if self.ends(slot).is_none_or(|ends| ends.hit[word] == 0) {
+            self.free[slot as usize][word] = u64::MAX;
         }
     }
 
-    /// Whether a ray of this scan has ended in the voxel.
-    pub(crate) fn is_hit(&mut self, code: u64) -> bool {
-        self.at(code).is_some_and(|marks| crate::bricks::has(&marks.hit, (code & VOXEL) as usize))
+    /// A ray ends in the voxel; says whether it is the first.
+    pub(crate) fn mark_hit(&mut self, code: u64) -> bool {
+        mask::set(&mut self.ends_at(code).hit, (code & VOXEL) as usize)
     }
 
-    /// Whether a ground ray of this scan has ended in the voxel.
-    pub(crate) fn is_ground(&mut self, code: u64) -> bool {
-        self.at(code).is_some_and(|marks| crate::bricks::has(&marks.ground, (code & VOXEL) as usize))
+    /// A ground ray ends in the voxel; says whether it is the first.
+    pub(crate) fn mark_ground(&mut self, code: u64) -> bool {
+        self.mark_free(code);
+        mask::set(&mut self.ends_at(code).ground, (code & VOXEL) as usize)
     }
 
-    /// Puts the bricks in Morton order, so that what follows does not depend on the order of the points.
-    pub(crate) fn sort(&mut self) {
-        self.order.clear();
-        self.order.extend(0..self.used as u32);
-        let marks = &self.marks;
-        self.order.sort_unstable_by_key(|&index| marks[index as usize].brick);
+    fn ends_at(&mut self, code: u64) -> &mut Ends {
+        let slot = self.slot(code >> BRICK_BITS);
+        self.ends_of(slot)
     }
 
-    /// Number of bricks in [`Self::sorted`].
-    pub(crate) fn len(&self) -> usize {
-        self.order.len()
+    fn ends_of(&mut self, slot: u32) -> &mut Ends {
+        let info = &mut self.infos[slot as usize];
+        if info.ends == NONE {
+            info.ends = self.used_ends as u32;
+            self.used_ends += 1;
+            match self.ends.get_mut(info.ends as usize) {
+                Some(ends) => *ends = Ends::default(),
+                None => self.ends.push(Ends::default()),
+            }
+        }
+        &mut self.ends[info.ends as usize]
     }
 
-    /// The `n`-th brick in Morton order.
-    pub(crate) fn sorted(&self, n: usize) -> Option<&Marks> {
-        self.order.get(n).map(|&index| &self.marks[index as usize])
-    }
-
-    /// The same, to be written.
-    pub(crate) fn sorted_mut(&mut self, n: usize) -> Option<&mut Marks> {
-        self.order.get(n).map(|&index| &mut self.marks[index as usize])
-    }
-
+    /// The slot of a brick.
     #[inline]
-    fn at(&mut self, code: u64) -> Option<&mut Marks> {
-        let brick = code >> BRICK_BITS;
-        if brick != self.last_brick {
-            self.last_index = self.find_or_add(brick);
-            self.last_brick = brick;
+    fn slot(&mut self, number: u64) -> u32 {
+        if self.dense {
+            match self.table[number as usize] {
+                NONE => self.add(number, number as usize),
+                slot => slot,
+            }
+        } else {
+            self.hashed(number)
         }
-        self.marks.get_mut(self.last_index as usize)
     }
 
-    fn find_or_add(&mut self, brick: u64) -> u32 {
-        let mut entry = home(brick, self.table.len());
+    fn hashed(&mut self, number: u64) -> u32 {
+        let mut entry = home(number, self.table.len());
         loop {
             match self.table[entry] {
-                NONE => break,
-                index if self.marks[index as usize].brick == brick => return index,
+                NONE => return self.add(number, entry),
+                slot if self.infos[slot as usize].number == number => return slot,
                 _ => entry = (entry + 1) & (self.table.len() - 1),
             }
         }
-        if self.used >= self.max {
+    }
+
+    #[cold]
+    fn add(&mut self, number: u64, entry: usize) -> u32 {
+        if self.used - 2 >= self.max {
             self.refused = self.refused.saturating_add(1);
-            return NONE;
+            return WASTE;
         }
-        let index = self.used as u32;
-        let fresh = Marks { brick, place: NONE, entry: entry as u32, ..Marks::default() };
-        match self.marks.get_mut(self.used) {
-            Some(marks) => *marks = fresh,
-            None => self.marks.push(fresh),
+        let slot = self.used as u32;
+        let info = Info { number, ends: NONE, entry: entry as u32 };
+        match self.free.get_mut(self.used) {
+            Some(free) => {
+                *free = [0; WORDS];
+                self.infos[self.used] = info;
+            }
+            None => {
+                self.free.push([0; WORDS]);
+                self.infos.push(info);
+            }
         }
-        self.table[entry] = index;
+        self.table[entry] = slot;
         self.used += 1;
-        if self.used * 2 > self.table.len() {
+        if !self.dense && self.used * 2 > self.table.len() {
             self.grow();
         }
-        index
+        slot
     }
 
     fn grow(&mut self) {
         let length = self.table.len() * 2;
         self.table.clear();
         self.table.resize(length, NONE);
-        for (index, marks) in self.marks[..self.used].iter_mut().enumerate() {
-            let mut entry = home(marks.brick, length);
+        for (slot, info) in self.infos[..self.used].iter_mut().enumerate().skip(2) {
+            let mut entry = home(info.number, length);
             while self.table[entry] != NONE {
                 entry = (entry + 1) & (length - 1);
             }
-            self.table[entry] = index as u32;
-            marks.entry = entry as u32;
+            self.table[entry] = slot as u32;
+            info.entry = entry as u32;
         }
+    }
+
+    /// Makes room for what another thread has marked in the same window; gives its slot for each of ours, [`NONE`] where
+    /// it has marked nothing.
+    pub(crate) fn join(&mut self, other: &Self, theirs: &mut Vec<u32>) {
+        theirs.clear();
+        for slot in 2..other.used {
+            let own = self.slot(other.infos[slot].number) as usize;
+            if own >= theirs.len() {
+                theirs.resize(self.used.max(own + 1), NONE);
+            }
+            theirs[own] = slot as u32;
+        }
+        self.refused = self.refused.saturating_add(other.refused);
+    }
+
+    /// Takes back all marks outside a box of keys, both inclusive; a brick without any is as if it had not been marked.
+    pub(crate) fn limit(&mut self, min: Key, max: Key) {
+        for slot in 2..self.used {
+            let corner = morton::decode(self.window.brick_code(self.infos[slot].number) << BRICK_BITS);
+            let inside = mask::inside(corner, min, max);
+            for (word, inside) in self.free[slot].iter_mut().zip(inside) {
+                *word &= inside;
+            }
+            let ends = self.infos[slot].ends;
+            if ends != NONE {
+                let ends = &mut self.ends[ends as usize];
+                for mask in [&mut ends.hit, &mut ends.ground] {
+                    mask.iter_mut().zip(inside).for_each(|(word, inside)| *word &= inside);
+                }
+            }
+        }
+    }
+
+    /// The free voxels of a slot.
+    #[inline]
+    pub(crate) fn free(&self, slot: u32) -> &Mask {
+        &self.free[slot as usize]
+    }
+
+    /// The ends of rays in a slot's brick.
+    #[inline]
+    pub(crate) fn ends(&self, slot: u32) -> Option<&Ends> {
+        match self.infos[slot as usize].ends {
+            NONE => None,
+            index => self.ends.get(index as usize),
+        }
+    }
+
+    /// All slots with the Morton codes of their bricks.
+    pub(crate) fn bricks(&self) -> impl Iterator<Item = (u32, u64)> {
+        let infos = self.infos[..self.used].iter().enumerate().skip(2);
+        infos.map(|(slot, info)| (slot as u32, self.window.brick_code(info.number)))
+    }
+
+    /// Bytes that are kept from scan to scan.
+    pub(crate) fn memory_bytes(&self) -> usize {
+        self.table.capacity() * 4
+            + self.free.capacity() * size_of::<Mask>()
+            + self.infos.capacity() * size_of::<Info>()
+            + self.ends.capacity() * size_of::<Ends>()
     }
 }
 
 /// First entry to look at: the high bits of a Fibonacci hash.
 #[inline]
-fn home(brick: u64, length: usize) -> usize {
-    let hash = brick.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+fn home(number: u64, length: usize) -> usize {
+    let hash = number.wrapping_mul(0x9e37_79b9_7f4a_7c15);
     (hash >> (64 - length.trailing_zeros())) as usize
 }

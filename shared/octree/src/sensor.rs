@@ -137,7 +137,7 @@ impl SensorModel {
 
     /// Selections rather than branches: which voxels are at a clamp is hard to predict.
     #[inline]
-    fn clamped(&self, log_odds: f32) -> f32 {
+    pub(crate) fn clamped(&self, log_odds: f32) -> f32 {
         let raised = if log_odds < self.clamp_min { self.clamp_min } else { log_odds };
         if raised > self.clamp_max { self.clamp_max } else { raised }
     }

@@ -2,7 +2,10 @@
 
 use evac_formats::octomap::{DEPTH, Node, OcTreeFile};
 
-use crate::bricks::{BRICK_VOXELS, Bricks};
+use crate::bricks::Bricks;
+use crate::decoded::Decoded;
+use crate::directory::Near;
+use crate::mask::{self, BRICK_VOXELS, Mask, WORDS};
 use crate::morton::BRICK_BITS;
 use crate::{MapConfig, MapError, OctreeMap, SensorModel};
 
@@ -22,8 +25,13 @@ impl OctreeMap {
     /// The octree that OctoMap would have after the same insertions. Ground flags have no place in it.
     pub fn to_tree(&self, pruning: Pruning) -> OcTreeFile {
         let mut sorted = self.bricks.sorted();
-        sorted.retain(|&(_, place)| self.bricks.get(place).known.iter().any(|&word| word != 0));
-        let mut writer = Writer { bricks: &self.bricks, prune: pruning == Pruning::Full, nodes: Vec::new() };
+        sorted.retain(|&(_, place)| !mask::is_empty(&self.bricks.known(place)));
+        let mut writer = Writer {
+            bricks: &self.bricks,
+            prune: pruning == Pruning::Full,
+            nodes: Vec::new(),
+            decoded: Decoded::default(),
+        };
         if !sorted.is_empty() {
             writer.upper(&sorted, 0);
         }
@@ -35,7 +43,9 @@ impl OctreeMap {
     /// # Errors
     /// [`MapError::TooLarge`] before more than `max_bricks` bricks are taken, and as [`OctreeMap::new`].
     pub fn from_tree(tree: &OcTreeFile, sensor: SensorModel, max_bricks: u32) -> Result<Self, MapError> {
-        let mut map = Self::new(MapConfig { resolution: tree.resolution(), sensor, max_bricks })?;
+        let mut map = Self::new(MapConfig { sensor, max_bricks, ..MapConfig::new(tree.resolution()) })?;
+        let mut brick = NewBrick { code: None, known: [0; WORDS], values: [0.0; BRICK_VOXELS] };
+        let mut near = Near::default();
         // Children that are still to come, and the code, of each open ancestor.
         let mut open: Vec<(u8, u64)> = Vec::with_capacity(DEPTH);
         for node in tree.nodes() {
@@ -51,37 +61,67 @@ impl OctreeMap {
                 open.push((node.child_mask, code));
                 continue;
             }
-            map.fill(code, open.len() as u32, node.log_odds)?;
+            let depth = open.len() as u32;
+            if depth < BRICK_DEPTH + 1 {
+                map.add_brick(&mut brick, &mut near)?;
+                map.fill(code, depth, node.log_odds)?;
+            } else {
+                let first = code << (3 * (DEPTH as u32 - depth));
+                if brick.code != Some(first >> BRICK_BITS) {
+                    map.add_brick(&mut brick, &mut near)?;
+                    brick.code = Some(first >> BRICK_BITS);
+                }
+                let start = first as usize % BRICK_VOXELS;
+                let voxels = 1 << (3 * (DEPTH as u32 - depth));
+                brick.values[start..start + voxels].fill(node.log_odds);
+                mask::set_range(&mut brick.known, start, voxels);
+            }
             while open.last().is_some_and(|&(left, _)| left == 0) {
                 open.pop();
             }
         }
+        map.add_brick(&mut brick, &mut near)?;
         Ok(map)
     }
 
-    /// Sets all voxels of the node with this code and depth.
+    /// Sets all voxels of the node with this code and depth, of a brick or more.
     fn fill(&mut self, code: u64, depth: u32, log_odds: f32) -> Result<(), MapError> {
         let too_large = MapError::TooLarge { max_bricks: self.bricks.max() };
-        let levels = 3 * (DEPTH as u32 - depth);
-        let first = code << levels;
-        let voxels = (1usize << levels.min(BRICK_BITS)).min(BRICK_VOXELS);
-        let bricks = 1u64 << levels.saturating_sub(BRICK_BITS);
-        if bricks > u64::from(self.bricks.max() - self.bricks.len()) && depth < BRICK_DEPTH {
+        let levels = 3 * (BRICK_DEPTH - depth);
+        let bricks = 1_u64 << levels;
+        if bricks > u64::from(self.bricks.max() - self.bricks.len()) {
             return Err(too_large);
         }
-        let start = (first & (BRICK_VOXELS as u64 - 1)) as usize;
+        let mut near = Near::default();
         for brick in 0..bricks {
-            let place = self.bricks.find_or_add((first >> BRICK_BITS) + brick).ok_or(too_large.clone())?;
-            let brick = self.bricks.get_mut(place);
-            brick.log_odds[start..start + voxels].fill(log_odds);
-            for voxel in start..start + voxels {
-                brick.known[voxel / 64] |= 1 << (voxel % 64);
-            }
+            let place =
+                self.bricks.find_or_add((code << levels) + brick, &mut near).ok_or(too_large.clone())?;
+            self.bricks.assign(place, &[u64::MAX; WORDS], log_odds, self.revision);
         }
-        self.known += voxels * bricks as usize;
-        self.listed += voxels * bricks as usize;
+        self.known += BRICK_VOXELS * bricks as usize;
+        self.listed += BRICK_VOXELS * bricks as usize;
         Ok(())
     }
+
+    /// Adds a brick from its voxels.
+    fn add_brick(&mut self, brick: &mut NewBrick, near: &mut Near) -> Result<(), MapError> {
+        let Some(code) = brick.code.take() else { return Ok(()) };
+        let too_large = MapError::TooLarge { max_bricks: self.bricks.max() };
+        let place = self.bricks.find_or_add(code, near).ok_or(too_large)?;
+        self.bricks.fill(place, &brick.known, &brick.values, self.revision);
+        let known = mask::count(&brick.known);
+        self.known += known;
+        self.listed += known;
+        brick.known = [0; WORDS];
+        Ok(())
+    }
+}
+
+/// A brick while the leaves of a tree come in.
+struct NewBrick {
+    code: Option<u64>,
+    known: Mask,
+    values: [f32; BRICK_VOXELS],
 }
 
 /// Writes the nodes in pre-order: a parent's place is kept free until its children are known.
@@ -89,6 +129,7 @@ struct Writer<'a> {
     bricks: &'a Bricks,
     prune: bool,
     nodes: Vec<Node>,
+    decoded: Decoded,
 }
 
 impl Writer<'_> {
@@ -96,7 +137,7 @@ impl Writer<'_> {
     fn upper(&mut self, bricks: &[(u64, u32)], depth: u32) {
         if depth == BRICK_DEPTH {
             for &(_, place) in bricks {
-                self.lower(place, 0, BRICK_VOXELS);
+                self.brick(place);
             }
             return;
         }
@@ -111,25 +152,68 @@ impl Writer<'_> {
         });
     }
 
-    /// The node above `length` voxels of a brick, of which at least one is known.
-    fn lower(&mut self, place: u32, start: usize, length: usize) {
-        if length == 1 {
-            let log_odds = self.bricks.get(place).log_odds[start];
+    /// The node of a brick, of which at least one voxel is known.
+    fn brick(&mut self, place: u32) {
+        if let (true, Some(log_odds)) = (self.prune, self.bricks.uniform(place)) {
             self.nodes.push(Node { log_odds, child_mask: 0 });
             return;
         }
-        self.parent(|writer, child| {
-            let part = length / 8;
-            let from = start + child as usize * part;
-            let known = writer.bricks.get(place).known;
-            let any = match part {
-                64 => known[from / 64] != 0,
-                _ => known[from / 64] >> (from % 64) & ((1 << part) - 1) != 0,
-            };
-            if any {
-                writer.lower(place, from, part);
+        let mut brick = std::mem::take(&mut self.decoded);
+        self.bricks.decode(place, &mut brick);
+        let at = self.nodes.len();
+        self.nodes.push(Node { log_odds: 0.0, child_mask: 0 });
+        let (mut greatest, mut child_mask) = (f32::NEG_INFINITY, 0);
+        for word in (0..8).filter(|&word| brick.known[word] != 0) {
+            child_mask |= 1 << word;
+            greatest = greatest.max(self.word(&brick, word));
+        }
+        self.nodes[at] = Node { log_odds: greatest, child_mask };
+        self.decoded = brick;
+    }
+
+    /// The node of 4 x 4 x 4 voxels; gives its value.
+    fn word(&mut self, brick: &Decoded, word: usize) -> f32 {
+        if self.prune && brick.words >> word & 1 != 0 {
+            let log_odds = brick.values[word * 64];
+            self.nodes.push(Node { log_odds, child_mask: 0 });
+            return log_odds;
+        }
+        let at = self.nodes.len();
+        self.nodes.push(Node { log_odds: 0.0, child_mask: 0 });
+        let (mut greatest, mut child_mask) = (f32::NEG_INFINITY, 0);
+        for block in 0..8 {
+            let present = (brick.known[word] >> (8 * block)) as u8;
+            if present == 0 {
+                continue;
             }
-        });
+            child_mask |= 1 << block;
+            let first = word * 64 + block * 8;
+            if brick.blocks[word] >> (8 * block) & 1 != 0 {
+                let log_odds = brick.values[first];
+                greatest = greatest.max(log_odds);
+                if self.prune {
+                    self.nodes.push(Node { log_odds, child_mask: 0 });
+                } else {
+                    self.nodes.push(Node { log_odds, child_mask: 0xff });
+                    self.nodes.extend([Node { log_odds, child_mask: 0 }; 8]);
+                }
+                continue;
+            }
+            let parent = self.nodes.len();
+            self.nodes.push(Node { log_odds: 0.0, child_mask: present });
+            let mut max = f32::NEG_INFINITY;
+            let mut left = present;
+            while left != 0 {
+                let log_odds = brick.values[first + left.trailing_zeros() as usize];
+                left &= left - 1;
+                max = max.max(log_odds);
+                self.nodes.push(Node { log_odds, child_mask: 0 });
+            }
+            self.nodes[parent].log_odds = max;
+            greatest = greatest.max(max);
+        }
+        self.nodes[at] = Node { log_odds: greatest, child_mask };
+        greatest
     }
 
     /// A node with the children that `write` appends for 0 to 7; pruned where they are eight equal leaves.

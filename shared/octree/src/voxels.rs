@@ -2,7 +2,8 @@
 
 use evac_frames::{Voxel, voxel_flags};
 
-use crate::bricks::{Bits, Brick, Bricks, has};
+use crate::bricks::Bricks;
+use crate::mask::{Bits, Mask, has};
 use crate::morton::{self, BRICK_BITS};
 use crate::{Key, OctreeMap};
 
@@ -13,6 +14,7 @@ pub struct Voxels<'a> {
     /// The bricks that are left.
     sorted: std::vec::IntoIter<(u64, u32)>,
     brick: (u64, u32),
+    ground: Mask,
     bits: Bits,
     left: usize,
 }
@@ -25,6 +27,7 @@ impl OctreeMap {
             bricks: &self.bricks,
             sorted: self.bricks.sorted().into_iter(),
             brick: (0, 0),
+            ground: Mask::default(),
             bits: Bits::default(),
             left: self.listed,
         }
@@ -46,7 +49,7 @@ impl OctreeMap {
             if inside {
                 continue;
             }
-            for voxel in Bits::of(*self.bricks.get(place).known) {
+            for voxel in Bits::of(self.bricks.known(place)) {
                 let key = morton::decode(code << BRICK_BITS | voxel as u64);
                 let (min, max) = bounds.get_or_insert((key, key));
                 for axis in 0..3 {
@@ -67,11 +70,12 @@ impl Iterator for Voxels<'_> {
             let (code, place) = self.brick;
             if let Some(voxel) = self.bits.next() {
                 self.left -= 1;
-                return Some(frame(code, &self.bricks.get(place), voxel));
+                return Some(frame(code, self.bricks.value(place, voxel), &self.ground, voxel));
             }
             self.brick = self.sorted.next()?;
-            let Brick { known, ground, .. } = self.bricks.get(self.brick.1);
-            self.bits = Bits::of(std::array::from_fn(|word| known[word] | ground[word]));
+            let known = self.bricks.known(self.brick.1);
+            self.ground = self.bricks.ground(self.brick.1);
+            self.bits = Bits::of(std::array::from_fn(|word| known[word] | self.ground[word]));
         }
     }
 
@@ -83,12 +87,13 @@ impl Iterator for Voxels<'_> {
 impl ExactSizeIterator for Voxels<'_> {}
 
 /// The state of a voxel as it is published.
-pub(crate) fn frame(brick_code: u64, brick: &Brick<'_>, voxel: usize) -> Voxel {
-    let known = has(brick.known, voxel);
-    let ground = has(brick.ground, voxel);
+#[inline]
+pub(crate) fn frame(brick_code: u64, value: Option<f32>, ground: &Mask, voxel: usize) -> Voxel {
+    let known = if value.is_some() { voxel_flags::KNOWN } else { 0 };
+    let ground = if has(ground, voxel) { voxel_flags::GROUND } else { 0 };
     Voxel {
         key: morton::decode(brick_code << BRICK_BITS | voxel as u64),
-        flags: if known { voxel_flags::KNOWN } else { 0 } | if ground { voxel_flags::GROUND } else { 0 },
-        log_odds: if known { brick.log_odds[voxel] } else { 0.0 },
+        flags: known | ground,
+        log_odds: value.unwrap_or(0.0),
     }
 }

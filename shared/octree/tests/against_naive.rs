@@ -5,7 +5,7 @@
 mod naive;
 
 use evac_frames::{Voxel, voxel_flags};
-use evac_octree::{MapConfig, OctreeMap, Scan, ScanOptions};
+use evac_octree::{Bounds, MapConfig, OctreeMap, Scan, ScanOptions};
 use naive::{NaiveMap, NaiveScan};
 use proptest::prelude::*;
 
@@ -48,7 +48,14 @@ fn scans() -> impl Strategy<Value = Vec<RandomScan>> {
 fn insert(map: &mut OctreeMap, scan: &RandomScan) -> evac_octree::ScanReport {
     let RandomScan { origin, hits, ground, misses, max_range, discretize } = scan;
     let scan = Scan { origin: *origin, hits, ground, misses };
-    map.insert_scan(&scan, &ScanOptions { max_range: *max_range, discretize: *discretize, bounds: None })
+    map.insert_scan(
+        &scan,
+        &ScanOptions { max_range: *max_range, discretize: *discretize, ..ScanOptions::default() },
+    )
+}
+
+fn threaded(threads: u32) -> OctreeMap {
+    OctreeMap::new(MapConfig { threads, ..MapConfig::new(0.1) }).unwrap()
 }
 
 fn empty() -> OctreeMap {
@@ -106,6 +113,24 @@ proptest! {
         // A consumer that only applies the changes holds the same map.
         prop_assert!(map.voxels().eq(follower.voxels()));
         prop_assert_eq!(map.voxel_count(), map.voxels().count());
+    }
+
+    #[test]
+    fn any_number_of_threads_makes_the_same_map(
+        scans in scans(),
+        threads in 2u32..9,
+        bounds in any::<bool>(),
+    ) {
+        let (mut one, mut many) = (empty(), threaded(threads));
+        let bounds = bounds.then_some(Bounds { min: [-3.0, -2.0, -1.0], max: [2.0, 5.0, 2.0] });
+        for scan in &scans {
+            let RandomScan { origin, hits, ground, misses, max_range, discretize } = scan;
+            let scan = Scan { origin: *origin, hits, ground, misses };
+            let options = ScanOptions { max_range: *max_range, discretize: *discretize, bounds, coarse_free_space: false };
+            prop_assert_eq!(one.insert_scan(&scan, &options), many.insert_scan(&scan, &options));
+            prop_assert!(one.changes().eq(many.changes()));
+        }
+        prop_assert!(one.voxels().eq(many.voxels()));
     }
 
     #[test]

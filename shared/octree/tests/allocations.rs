@@ -1,4 +1,4 @@
-//! A scan over known ground allocates nothing.
+//! A scan over known ground allocates nothing. (Bricks may still grow with new values; these scans bring none.)
 
 use evac_octree::{Bounds, MapConfig, OctreeMap, Scan, ScanOptions};
 use evac_testkit::{CountingAllocator, count_allocations};

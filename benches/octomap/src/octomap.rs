@@ -1,0 +1,50 @@
+//! Runs `octomap.cpp` and reads what it prints.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use anyhow::{Context as _, bail};
+
+use crate::Case;
+
+/// Empty where it could not be built.
+const PROGRAM: &str = env!("OCTOMAP_PROGRAM");
+
+/// The figures that it printed, in their order.
+pub(crate) struct Figures(Vec<(String, f64)>);
+
+impl Figures {
+    pub(crate) fn all(&self, key: &str) -> Vec<f64> {
+        self.0.iter().filter(|(name, _)| name == key).map(|(_, value)| *value).collect()
+    }
+
+    pub(crate) fn last(&self, key: &str) -> Option<f64> {
+        self.all(key).last().copied()
+    }
+}
+
+pub(crate) fn is_built() -> bool {
+    !PROGRAM.is_empty()
+}
+
+/// Inserts the scans of a file; `folder` gets the maps.
+pub(crate) fn run(case: &Case, scans: &Path, folder: &Path) -> anyhow::Result<Figures> {
+    let output = Command::new(PROGRAM)
+        .arg(scans)
+        .args([case.resolution.to_string(), case.max_range.to_string()])
+        .arg(if case.discretized { "discretized" } else { "exact" })
+        .arg(folder)
+        .args(case.checkpoints.iter().map(ToString::to_string))
+        .stderr(Stdio::inherit())
+        .output()
+        .context("the program that links OctoMap did not start")?;
+    if !output.status.success() {
+        bail!("the program that links OctoMap ended with {}", output.status);
+    }
+    let mut figures = Vec::new();
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
+        let (key, value) = line.split_once(' ').with_context(|| format!("no figure: {line}"))?;
+        figures.push((key.to_owned(), value.parse().with_context(|| format!("no number: {line}"))?));
+    }
+    Ok(Figures(figures))
+}

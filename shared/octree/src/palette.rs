@@ -1,0 +1,154 @@
+//! The log-odds values that occur, numbered: a voxel is kept as the number of its value.
+
+use crate::SensorModel;
+
+/// Number of a value in a [`Palette`].
+pub(crate) type State = u16;
+
+/// The state of a voxel that nothing is known of; its value is zero, the log-odds of the prior of 0.5.
+pub(crate) const UNKNOWN: State = 0;
+
+/// How a ray changes a voxel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Update {
+    /// It passed through.
+    Miss,
+    /// It ended there.
+    Hit,
+}
+
+/// Exact `f32` values by number, and which value follows which.
+///
+/// A value gets its number when it first occurs, so that the values that a map begins with have the smallest. Updates
+/// never compute a sum twice: the first time a value is missed (hit), the number of the sum is kept.
+#[derive(Clone, Debug)]
+pub(crate) struct Palette {
+    sensor: SensorModel,
+    values: Vec<f32>,
+    /// By state, after a miss and after a hit; [`UNKNOWN`] where not yet computed.
+    next: Vec<[State; 2]>,
+    /// States by the hash of their value: open addressing, a power of two long, at most half full.
+    table: Vec<State>,
+}
+
+impl Palette {
+    pub(crate) fn new(sensor: SensorModel) -> Self {
+        let mut palette =
+            Self { sensor, values: vec![0.0], next: vec![[UNKNOWN; 2]], table: vec![UNKNOWN; 64] };
+        // Seen once, hit once and surely free fit into two bits.
+        for update in [Update::Miss, Update::Hit] {
+            palette.compute(UNKNOWN, update);
+        }
+        palette.state(sensor.clamp_min);
+        palette
+    }
+
+    /// Log-odds of a state.
+    #[inline]
+    pub(crate) fn value(&self, state: State) -> f32 {
+        self.values[usize::from(state)]
+    }
+
+    /// The state of a value, bit by bit; `None` where there are 65,535 others already.
+    pub(crate) fn state(&mut self, value: f32) -> Option<State> {
+        let mut entry = self.home(value);
+        loop {
+            match self.table[entry] {
+                UNKNOWN => break,
+                state if self.value(state).to_bits() == value.to_bits() => return Some(state),
+                _ => entry = (entry + 1) & (self.table.len() - 1),
+            }
+        }
+        let state = State::try_from(self.values.len()).ok()?;
+        self.values.push(value);
+        self.next.push([UNKNOWN; 2]);
+        self.table[entry] = state;
+        if self.values.len() * 2 > self.table.len() {
+            self.grow();
+        }
+        Some(state)
+    }
+
+    /// The state after an update; [`UNKNOWN`] where it was never [computed](Self::compute).
+    #[inline]
+    pub(crate) fn next(&self, state: State, update: Update) -> State {
+        self.next[usize::from(state)][update as usize]
+    }
+
+    /// The value after an update.
+    pub(crate) fn updated(&self, value: f32, update: Update) -> f32 {
+        match update {
+            Update::Miss => self.sensor.missed(value),
+            Update::Hit => self.sensor.struck(value),
+        }
+    }
+
+    /// Computes what follows a state; `false` where its value has no number any more.
+    #[cold]
+    pub(crate) fn compute(&mut self, state: State, update: Update) -> bool {
+        let Some(next) = self.state(self.updated(self.value(state), update)) else { return false };
+        self.next[usize::from(state)][update as usize] = next;
+        true
+    }
+
+    /// Bytes held.
+    pub(crate) fn memory_bytes(&self) -> usize {
+        self.values.capacity() * 4 + self.next.capacity() * 4 + self.table.capacity() * 2
+    }
+
+    fn grow(&mut self) {
+        self.table = vec![UNKNOWN; self.table.len() * 2];
+        for state in 1..self.values.len() {
+            let mut entry = self.home(self.values[state]);
+            while self.table[entry] != UNKNOWN {
+                entry = (entry + 1) & (self.table.len() - 1);
+            }
+            self.table[entry] = state as State;
+        }
+    }
+
+    /// First entry to look at: the high bits of a Fibonacci hash.
+    fn home(&self, value: f32) -> usize {
+        let hash = u64::from(value.to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (hash >> (64 - self.table.len().trailing_zeros())) as usize
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_stands_for_exactly_one_value_and_follows_the_sensor_model() {
+        let sensor = SensorModel::default();
+        let mut palette = Palette::new(sensor);
+        let mut value = 0.0;
+        let mut state = UNKNOWN;
+        for n in 0..500_u32 {
+            let update = if n.wrapping_mul(2_654_435_761) >> 30 == 0 { Update::Hit } else { Update::Miss };
+            value = palette.updated(value, update);
+            assert!(palette.next(state, update) != UNKNOWN || palette.compute(state, update));
+            state = palette.next(state, update);
+            assert_eq!(palette.value(state).to_bits(), value.to_bits());
+            assert_eq!(palette.state(value), Some(state));
+        }
+    }
+
+    #[test]
+    fn what_a_first_scan_leaves_fits_into_two_bits() {
+        let palette = Palette::new(SensorModel::default());
+        assert!((1..4).contains(&palette.next(UNKNOWN, Update::Miss)));
+        assert!((1..4).contains(&palette.next(UNKNOWN, Update::Hit)));
+    }
+
+    #[test]
+    fn a_full_palette_says_so_and_keeps_what_it_has() {
+        let mut palette = Palette::new(SensorModel::default());
+        let numbered = (0..70_000_u32).filter(|n| palette.state(1.0 + *n as f32 * 1e-4).is_some()).count();
+        assert!(numbered > 65_000 && numbered < 65_536);
+        assert_eq!(palette.state(palette.value(7)), Some(7));
+        let last = palette.state(1.0).unwrap();
+        assert!(!palette.compute(last, Update::Miss));
+        assert_eq!(palette.next(last, Update::Miss), UNKNOWN);
+    }
+}
