@@ -123,7 +123,19 @@ fn wrong_usage_ends_with_code_2_and_says_what_is_expected() {
         assert_eq!(ended.code, USAGE, "{args:?}: {}", ended.stderr);
         assert!(ended.stderr.contains("Usage: evac"), "{}", ended.stderr);
     }
-    for command in ["demo", "map", "up", "down", "status", "check", "stage", "convert"] {
+    for command in [
+        "demo",
+        "map",
+        "up",
+        "down",
+        "status",
+        "check",
+        "stage",
+        "convert",
+        "eval",
+        "calibrate",
+        "experiment",
+    ] {
         let help = bench.run([command, "--help"]).expect_success().stdout;
         assert!(help.contains("Usage: evac") && help.lines().count() > 8, "{help}");
     }
