@@ -43,6 +43,8 @@ const LEVELLING_S: f64 = 10.0;
 const MAX_OWN_SPEED: f64 = 4.0;
 /// A frame is 100 ms; one this long is a broken header.
 const LONGEST_FRAME_NS: i64 = 10_000_000_000;
+/// Share of its points that an odometry must use before its velocity is believed that has not begun to track.
+const SETTLING_QUALITY: f64 = 0.5;
 /// Largest believable offset between the clocks of IMU and LiDAR.
 const MAX_OFFSET_NS: i64 = evac_frames::MAX_TIME_OFFSET_NS;
 
@@ -126,8 +128,12 @@ impl Motion {
 
     /// The odometry's state, if it is fit to start from.
     fn state_of(&self, pose: &PoseFrame, frame: &FrameHeader) -> Option<ImuState> {
-        let tracks =
-            matches!(pose.tracking_state(), Some(TrackingState::Tracking | TrackingState::Degenerate));
+        // An odometry that starts in motion knows how it moves before it says where it is; one that still waits uses no points.
+        let tracks = match pose.tracking_state() {
+            Some(TrackingState::Tracking | TrackingState::Degenerate) => true,
+            Some(TrackingState::Initialising) => f64::from(pose.quality) > SETTLING_QUALITY,
+            _ => false,
+        };
         let is_held_at_zero = self.detector.rest().is_some_and(|rest| rest.gyro_bias.is_none());
         let state = ImuState {
             time_ns: pose.frame.end_ns,

@@ -68,6 +68,11 @@ pub(crate) struct Report {
 }
 
 impl Report {
+    /// Share of the selected points that were used.
+    pub(crate) fn quality(&self) -> f64 {
+        self.used as f64 / self.selected.max(1) as f64
+    }
+
     /// The report of a frame that the map is made of.
     pub(crate) fn full() -> Self {
         Self { selected: 1, in_view: 1, used: 1, ..Self::default() }

@@ -9,7 +9,7 @@ use super::correction::Report;
 use super::degeneracy::Degeneracy;
 use super::initialisation::{Start, upright};
 use super::monitor::Monitor;
-use super::report::{lidar_covariance, pose_frame, sigma_us};
+use super::report::{lidar_covariance, pose_frame, sigma_us, waiting_frame};
 use super::sections::{PoseCovariance, Sections};
 use super::settling::Settling;
 use super::state::{Covariance, DIM, MOVING, State, add_variance, at};
@@ -245,6 +245,26 @@ impl Filter {
         self.state.is_finite() && self.covariance.iter().all(|x| x.is_finite())
     }
 
+    /// Pose of a filter whose map frame is not fixed yet: where it is in a level frame is not said, but how it moves, so that the next
+    /// scan is deskewed with it.
+    pub(crate) fn settling_pose(
+        &self,
+        frame: &FrameHeader,
+        imu_from_lidar: &Isometry3<f64>,
+        report: &Report,
+    ) -> PoseFrame {
+        let rotation = upright(&(self.state.rotation.inverse() * -self.state.gravity), imu_from_lidar);
+        let level_from_map = rotation * self.state.rotation.inverse();
+        PoseFrame {
+            velocity: (level_from_map * self.state.velocity).into(),
+            gyro_bias: self.state.gyro_bias.into(),
+            accel_bias: self.state.accel_bias.into(),
+            time_offset_ns: self.state.offset_ns(),
+            quality: report.quality() as f32,
+            ..waiting_frame(frame, &rotation, imu_from_lidar)
+        }
+    }
+
     pub(crate) fn published(
         &self,
         frame: &FrameHeader,
@@ -255,7 +275,7 @@ impl Filter {
         let origin = self.sections.pose_covariance(0, &self.state);
         let pose = self.covariance.fixed_view::<6, 6>(0, 0) + origin;
         let covariance = lidar_covariance(&self.state, &pose, imu_from_lidar);
-        let quality = report.used as f64 / report.selected.max(1) as f64;
+        let quality = report.quality();
         let mut pose =
             pose_frame(frame, &self.state, covariance, imu_from_lidar, &self.degeneracy, quality, tracking);
         pose.time_offset_sigma_us = sigma_us(self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)]);

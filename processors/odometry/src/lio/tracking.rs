@@ -10,10 +10,8 @@ use super::degeneracy::Degeneracy;
 use super::deskew::{Deskew, Middle, Twist};
 use super::filter::Filter;
 use super::imu::Reading;
-use super::initialisation::upright;
 use super::matching::{Known, select};
 use super::propagation::{Noise, TracePoint, propagate};
-use super::report::waiting_frame;
 use super::stage::{Lio, MAX_POINTS, MAX_SELECTED, valid};
 use super::state::State;
 
@@ -76,10 +74,7 @@ impl Lio {
         counters.degraded += u64::from(tracking == TrackingState::Lost);
         let frame = &input.header.frame;
         let pose = match tracking {
-            TrackingState::Initialising => {
-                let up = filter.state.rotation.inverse() * -filter.state.gravity;
-                waiting_frame(frame, &upright(&up, &self.imu_from_lidar), &self.imu_from_lidar)
-            }
+            TrackingState::Initialising => filter.settling_pose(frame, &self.imu_from_lidar, &report),
             _ => filter.published(frame, &self.imu_from_lidar, &report, tracking),
         };
         self.filter = Some(filter);
