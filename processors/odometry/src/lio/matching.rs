@@ -34,6 +34,8 @@ pub(crate) struct Match {
     pub(crate) section: SectionId,
     /// Index of the plane's cell: matches of one cell share that plane's error.
     pub(crate) cell: usize,
+    /// Number of the point among those selected.
+    order: u32,
     /// In the IMU frame.
     pub(crate) point: Vector3<f64>,
     /// Unit normal, map frame.
@@ -87,7 +89,7 @@ pub(crate) fn associate(
     let mut in_view = 0;
     // Neighbouring points mostly see the same section.
     let mut recent = (sections.current(), PoseCovariance::zeros());
-    for candidate in selected {
+    for (order, candidate) in (0..).zip(selected) {
         let point = rotation * candidate.point + state.position;
         let beam = rotation * candidate.beam;
         let mut seen = false;
@@ -123,6 +125,7 @@ pub(crate) fn associate(
                 let matched = Match {
                     section: cell.section,
                     cell: index,
+                    order,
                     point: candidate.point,
                     normal: plane.normal,
                     offset: plane.normal.dot(&plane.centroid),
@@ -139,14 +142,8 @@ pub(crate) fn associate(
         matches.extend(best.map(|(_, matched)| matched));
         in_view += usize::from(seen);
     }
-    // One section's and one cell's matches side by side; stable order within a cell keeps sums reproducible.
-    matches.sort_unstable_by(|a, b| {
-        a.section
-            .cmp(&b.section)
-            .then_with(|| a.cell.cmp(&b.cell))
-            .then_with(|| a.point.x.total_cmp(&b.point.x))
-            .then_with(|| a.point.y.total_cmp(&b.point.y))
-    });
+    // One section's and one cell's matches side by side, in an order that keeps sums reproducible.
+    matches.sort_unstable_by_key(|matched| (matched.section, matched.cell, matched.order));
     in_view
 }
 
