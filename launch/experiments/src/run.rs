@@ -46,9 +46,7 @@ impl Trajectory {
         let before = self.frames.iter().take_while(waiting).count();
         self.frames.get(before..).unwrap_or_default()
     }
-}
 
-impl Trajectory {
     /// True and published poses from the first pose on; `None` where there is none or one is not finite.
     pub fn pairs(&self) -> Option<Pairs> {
         pairs(self.tracked())

@@ -217,6 +217,22 @@ fn a_pose_that_is_lost_too_old_or_broken_is_not_used() {
 }
 
 #[test]
+fn an_odometry_that_starts_in_motion_is_believed_before_it_tracks_if_most_of_its_points_fit() {
+    let motion = Motion::walking();
+    let recording = motion.scan(20);
+    let (_, with, _) = run(&mut stage(&motion), recording.input());
+    let (_, without, _) = run(&mut stage(&motion), recording.input_without_prior());
+    assert_ne!(with, without);
+    for (quality, expected) in [(0.9, &with), (0.2, &without)] {
+        let mut pose = recording.prior;
+        (pose.state, pose.quality) = (TrackingState::Initialising as u32, quality);
+        let (_, points, _) =
+            run(&mut stage(&motion), ScanWithImu { prior: Some(&pose), ..recording.input() });
+        assert_eq!(&points, expected, "quality {quality}");
+    }
+}
+
+#[test]
 fn a_gap_of_40_ms_in_the_imu_is_bridged_to_a_centimetre() {
     let motion = Motion::walking();
     let mut recording = motion.scan(25);
