@@ -6,10 +6,10 @@ use evac_formats::{octomap, pcd};
 use evac_octree::{MapConfig, Pruning};
 use evac_octree_mapper::{GroundConfig, map_of_cloud, remove_ground};
 use evac_stage::RunError;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::cli::ConvertArgs;
 use crate::error::LaunchError;
+use crate::progress::bar;
 
 /// Points between two steps of the progress bar.
 const STEP: u64 = 65_536;
@@ -37,7 +37,7 @@ pub(crate) fn convert(args: &ConvertArgs) -> Result<(), LaunchError> {
     }
     let started = Instant::now();
     let reader = pcd::Reader::open(&args.cloud)?;
-    let bar = progress(reader.header().points);
+    let bar = bar(reader.header().points, "points");
     let mut failure = None;
     let mut read = 0_u64;
     let points = reader.map_while(|point| match point {
@@ -90,12 +90,4 @@ pub(crate) fn convert(args: &ConvertArgs) -> Result<(), LaunchError> {
         )));
     }
     Ok(())
-}
-
-fn progress(points: u64) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(points), ProgressDrawTarget::stderr_with_hz(10));
-    if let Ok(style) = ProgressStyle::with_template("[{bar:40}] {pos}/{len} points, {eta} left") {
-        bar.set_style(style.progress_chars("=> "));
-    }
-    bar
 }

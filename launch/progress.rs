@@ -16,12 +16,7 @@ const LINE_INTERVAL: Duration = Duration::from_secs(5);
 
 impl Bar {
     pub(crate) fn new(about: &str) -> Self {
-        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
-        if let Ok(style) =
-            ProgressStyle::with_template("{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left")
-        {
-            bar.set_style(style.progress_chars("=> "));
-        }
+        let bar = styled(None, "{msg} [{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left");
         bar.set_message(about.to_owned());
         Self { bar, about: about.to_owned(), last_line: std::cell::Cell::new((0, Instant::now())) }
     }
@@ -42,4 +37,17 @@ impl Bar {
     pub(crate) fn end(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// A bar on a terminal, nothing elsewhere, over `count` of what `unit` names.
+pub(crate) fn bar(count: u64, unit: &str) -> ProgressBar {
+    styled(Some(count), &format!("[{{bar:40}}] {{pos}}/{{len}} {unit}, {{eta}} left"))
+}
+
+fn styled(count: Option<u64>, template: &str) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(count, ProgressDrawTarget::stderr_with_hz(10));
+    if let Ok(style) = ProgressStyle::with_template(template) {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar
 }

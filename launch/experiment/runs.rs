@@ -6,12 +6,12 @@ use evac_experiments::report::Run;
 use evac_experiments::{
     ExperimentError, Fault, OdometryKind, Settings, Source, catalogue, in_threads, recorded, run,
 };
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::cli::Selection;
 use super::usage;
 use crate::cli::Odometry;
 use crate::error::LaunchError;
+use crate::progress::bar;
 
 /// Runs every selected walk with every fault. `show` gets the results in the order of the walks, then of the faults, as
 /// soon as they are there.
@@ -33,7 +33,7 @@ pub(super) fn each_run(
         settings.set(assignment)?;
     }
     let sources = sources(selection)?;
-    let bar = bar((sources.len() * faults.len()) as u64);
+    let bar = bar((sources.len() * faults.len()) as u64, "runs");
     let work = |index: usize| -> Result<Vec<Run>, ExperimentError> {
         let Some(source) = sources.get(index) else { return Ok(Vec::new()) };
         let walk = source.load(selection.duration)?;
@@ -99,12 +99,4 @@ fn data_folder(given: Option<&Path>) -> PathBuf {
         Some(folder) => folder.to_owned(),
         None => std::env::var_os("EVAC_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from),
     }
-}
-
-fn bar(runs: u64) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(runs), ProgressDrawTarget::stderr_with_hz(10));
-    if let Ok(style) = ProgressStyle::with_template("[{bar:40}] {pos}/{len} runs, {eta} left") {
-        bar.set_style(style.progress_chars("=> "));
-    }
-    bar
 }

@@ -13,7 +13,7 @@ use evac_geometry::nalgebra::Isometry3;
 use evac_ports::services::{OdometryPose, ScanDeskewed, SinkAck, TruthPose};
 use evac_ports::{Bus, Domain, FrameSubscriber, PortError, RecordPublisher, RecordSubscriber, wait_on};
 use evac_stage::start_logging;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 use toml::Value;
 
 use super::cli::SoakArgs;
@@ -22,6 +22,7 @@ use super::soak_report::{Minute, Soak};
 use crate::check::check;
 use crate::error::LaunchError;
 use crate::finite::{create_folder, set};
+use crate::progress::bar;
 use crate::supervisor::{Supervisor, interrupted};
 
 const SOAK: &str = include_str!("../pipelines/soak.toml");
@@ -78,7 +79,7 @@ fn walk(
     let (mut supervisor, mut listeners) = Supervisor::start(&started, file, domain, &args.log)?;
     let mut monitor = Monitor::open(&supervisor.bus)?;
     listeners.append(&mut monitor.listeners);
-    let bar = bar(u64::from(args.minutes) * MINUTE as u64);
+    let bar = bar(u64::from(args.minutes) * MINUTE as u64, "frames");
     println!("{}", Minute::head());
     let ended = wait_on(&listeners, |_| match step(&mut supervisor, &mut monitor, &bar) {
         Ok(false) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
@@ -201,12 +202,4 @@ fn at<T>(waiting: &mut VecDeque<(u64, T)>, seq: u64) -> Option<T> {
         }
     }
     None
-}
-
-fn bar(frames: u64) -> ProgressBar {
-    let bar = ProgressBar::with_draw_target(Some(frames), ProgressDrawTarget::stderr_with_hz(10));
-    if let Ok(style) = ProgressStyle::with_template("[{bar:40}] {pos}/{len} frames, {per_sec}, {eta} left") {
-        bar.set_style(style.progress_chars("=> "));
-    }
-    bar
 }
