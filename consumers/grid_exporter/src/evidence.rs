@@ -22,7 +22,7 @@ pub(crate) struct Footing {
     pub(crate) floor: f64,
     /// Whether the path passes.
     pub(crate) walked: bool,
-    /// Whether it climbs as it passes.
+    /// Whether it climbs as it passes, here or right beside.
     pub(crate) climbed: bool,
 }
 

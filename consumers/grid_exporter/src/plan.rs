@@ -186,7 +186,8 @@ impl Storey {
         let floor = &self.floor;
         self.sheet.update(&marks, |cell| {
             let height = floor.at(cell, raster);
-            let mut footing = Footing { floor: height, walked: false, climbed: false };
+            let climbed = floor.is_stair(raster.block(cell));
+            let mut footing = Footing { floor: height, walked: false, climbed };
             for pass in sources.walk.passes(cell) {
                 if floor.carries(pass, height, sources.sensor_height) {
                     footing.walked = true;

@@ -12,6 +12,7 @@ mod mapper;
 mod outliers;
 #[cfg(test)]
 mod synthetic;
+mod unseen;
 
 pub use cloud::{CloudMap, map_of_cloud, remove_ground};
 pub use config::{KeyFrameConfig, OccupancyConfig, OctreeMapperConfig};
@@ -20,3 +21,4 @@ pub use ground::GroundFilter;
 pub use key_frame::KeyFrames;
 pub use mapper::OctreeMapper;
 pub use outliers::RadiusOutlierFilter;
+pub use unseen::{UnseenAction, UnseenConfig};
