@@ -81,12 +81,18 @@ impl Projection {
         config: &GridExporterConfig,
     ) -> bool {
         let mut changes = if self.fresh { all(columns, walk) } else { news(columns, walk) };
+        if changes.cells.is_empty() && changes.blocks.is_empty() && !self.fresh {
+            return false;
+        }
         self.fresh = false;
         changes.blocks.extend(blocks_of(&changes.ground, self.raster));
         self.find_surfaces(columns, walk, &changes.blocks);
 
         let sensor_height = self.heights.median().unwrap_or(config.sensor_height_m);
-        let bins = storeys::find(&walk.heights());
+        let mut bins = storeys::find(&walk.heights());
+        if config.fixed_z_m.is_some() {
+            bins.truncate(1);
+        }
         let mut changed = false;
         if sensor_height != self.sensor_height || bins != self.bins {
             (self.sensor_height, self.bins) = (sensor_height, bins);
