@@ -7,6 +7,7 @@ mod common;
 use std::path::Path;
 
 use evac_formats::livox_sdk1::{CartesianMm, DataType, Datagram, encode_cartesian};
+use evac_formats::livox_sdk2;
 use evac_formats::pcap::{PcapReader, PcapWriter};
 use evac_formats::wt901c::{Parser, Wt901cReader, encode_accel, encode_gyro, encode_time};
 use proptest::prelude::*;
@@ -24,6 +25,62 @@ fn read_datagram(bytes: &[u8]) {
         assert_eq!(datagram.imu(index).is_some(), index < samples);
     }
     assert!(datagram.points() <= bytes.len());
+}
+
+/// Reads everything that there is to read of the second protocol.
+fn read_sdk2(bytes: &[u8]) {
+    if let Ok(datagram) = livox_sdk2::Datagram::parse_unchecked(bytes) {
+        for index in 0..=datagram.points() {
+            assert_eq!(datagram.point(index).is_some(), index < datagram.points());
+        }
+        for index in 0..=datagram.shots() {
+            let is_sample = datagram.points() == 0 && index < datagram.shots();
+            assert_eq!(datagram.imu(index).is_some(), is_sample);
+            let _ = datagram.shot_offset_ns(index);
+        }
+        assert!(datagram.points() <= bytes.len());
+    }
+    let data = livox_sdk2::Frame::parse(bytes).map_or(bytes, |frame| frame.data);
+    for list in [
+        livox_sdk2::Parameters::of_request(data),
+        livox_sdk2::Parameters::of_answer(data).map(|(_, list)| list),
+    ] {
+        assert!(list.map_or(0, Iterator::count) <= bytes.len() / 4);
+    }
+    assert!(livox_sdk2::Parameters::keys_of_query(data).count() <= bytes.len() / 2);
+    let _ = (livox_sdk2::SearchReply::parse(data), livox_sdk2::WriteReply::parse(data));
+    let _ = livox_sdk2::HostAddress::parse(data);
+}
+
+fn sdk2_points() -> Vec<u8> {
+    let fields = livox_sdk2::DataFields {
+        interval: 9500,
+        number: 1,
+        frame: 2,
+        time_type: livox_sdk2::TimeType::PowerOn,
+        stamp_ns: 5,
+    };
+    let mut bytes = Vec::new();
+    let points = [livox_sdk2::PointRecord { values: [1, -2, 3], reflectivity: 4, tag: 5 }; 8];
+    livox_sdk2::encode_points(livox_sdk2::DataType::Spherical, &fields, &points, &mut bytes);
+    bytes
+}
+
+fn sdk2_list() -> Vec<u8> {
+    let (mut list, mut bytes) = (Vec::new(), Vec::new());
+    let mut writer = livox_sdk2::ParametersWriter::request(&mut list);
+    for key in 0..6 {
+        writer.put(key, &[7; 5]);
+    }
+    let frame = livox_sdk2::Frame {
+        sequence: 1,
+        command: livox_sdk2::command::WRITE_PARAMETERS,
+        kind: livox_sdk2::FrameKind::Request,
+        sender: livox_sdk2::Sender::Host,
+        data: &list,
+    };
+    frame.encode(&mut bytes);
+    bytes
 }
 
 fn read_capture(bytes: &[u8], tolerant: bool) {
@@ -90,6 +147,18 @@ proptest! {
         read_datagram(&bytes);
         read_datagram(&noise);
         read_datagram(&[&[5, 1, 1, 0, 0, 0, 0, 0], noise.as_slice()].concat());
+    }
+
+    #[test]
+    fn sdk2_datagrams_and_lists(
+        points in damaged(sdk2_points()),
+        list in damaged(sdk2_list()),
+        noise in proptest::collection::vec(any::<u8>(), 0..200),
+    ) {
+        read_sdk2(&points);
+        read_sdk2(&list);
+        read_sdk2(list.get(24..).unwrap_or_default());
+        read_sdk2(&noise);
     }
 
     #[test]

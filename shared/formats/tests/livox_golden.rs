@@ -2,22 +2,19 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod common;
+
 use std::collections::BTreeMap;
 
+use common::{hex, json};
 use evac_formats::livox_sdk1::{
     CartesianMm, DataType, Datagram, DatagramError, TimestampType, encode_cartesian, encode_imu,
 };
 use evac_formats::pcap::PcapReader;
 use serde_json::Value;
 
-fn hex(text: &Value) -> Vec<u8> {
-    let text = text.as_str().unwrap();
-    (0..text.len()).step_by(2).map(|at| u8::from_str_radix(&text[at..at + 2], 16).unwrap()).collect()
-}
-
 fn golden() -> Option<Value> {
-    let path = evac_testkit::data("protocols/sdk1/data_packets.json")?;
-    Some(serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap())
+    json("protocols/sdk1/data_packets.json")
 }
 
 /// Position of a golden point's echo (names end in 1, 2, 3 where a shot has several), metres.

@@ -9,3 +9,4 @@ mod records;
 pub use encode::{CartesianMm, DATAGRAM_SHOTS, encode_cartesian, encode_imu};
 pub use header::{DataHeader, DataType, DatagramError, TimestampType};
 pub use records::{Datagram, ImuRecord, LivoxPoint};
+pub(crate) use records::{extended_cartesian, imu, spherical};
