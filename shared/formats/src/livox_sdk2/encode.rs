@@ -2,6 +2,7 @@
 
 use super::frame::crc32;
 use super::header::{CHECKED_FROM, DataType, HEADER_BYTES, TimeType};
+use crate::livox_sdk1::PointRecord;
 
 /// The fields of a header that do not follow from the records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,17 +17,6 @@ pub struct DataFields {
     pub time_type: TimeType,
     /// Time of the first record in nanoseconds of the device's clock.
     pub stamp_ns: u64,
-}
-
-/// One echo in the units of the wire: millimetres, centimetres, or depth in millimetres and zenith and azimuth in 0.01 degrees.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct PointRecord {
-    /// As the data type says.
-    pub values: [i32; 3],
-    /// See [`crate::livox_sdk1::LivoxPoint::reflectivity`].
-    pub reflectivity: u8,
-    /// Confidence bits.
-    pub tag: u8,
 }
 
 /// Replaces `out` by a datagram of points; of `DualCartesian` two points are one shot. Values that the type cannot hold are

@@ -11,9 +11,9 @@ mod header;
 mod parameters;
 mod records;
 
-pub use crate::livox_sdk1::{ImuRecord, LivoxPoint};
+pub use crate::livox_sdk1::{ImuRecord, LivoxPoint, PointRecord};
 pub use commands::{HostAddress, SearchReply, WriteReply, command, ports, return_code};
-pub use encode::{DataFields, PointRecord, encode_imu, encode_points};
+pub use encode::{DataFields, encode_imu, encode_points};
 pub use frame::{Frame, FrameError, FrameKind, MAX_FRAME_BYTES, Sender};
 pub use header::{DataHeader, DataType, DatagramError, TimeType};
 pub use parameters::{Parameter, Parameters, ParametersWriter, WorkState, key};
