@@ -5,6 +5,7 @@ pub mod cloud;
 mod error;
 mod lines;
 pub mod livox_sdk1;
+pub mod livox_sdk2;
 pub mod occupancy_grid;
 pub mod octomap;
 pub mod pcap;
