@@ -3,6 +3,7 @@
 mod atomic_file;
 pub mod cloud;
 mod error;
+pub mod las;
 mod lines;
 pub mod livox_sdk1;
 pub mod livox_sdk2;
