@@ -65,8 +65,8 @@ pub(crate) struct ScanMarks {
 }
 
 impl ScanMarks {
-    /// Marks for a map of at most `max` bricks: a scan may touch as many, and in a small map 65,536.
-    pub(crate) fn new(max: u32) -> Self {
+    /// Marks for a map of at most so many bytes: those of one scan may take as many, and in a small map 8 MiB.
+    pub(crate) fn new(max_bytes: usize) -> Self {
         let waste = Info { number: u64::MAX, ends: NONE, entry: 0 };
         Self {
             window: Window::default(),
@@ -77,7 +77,7 @@ impl ScanMarks {
             used: 2,
             ends: vec![Ends::default()],
             used_ends: 1,
-            max: max.max(1 << 16) as usize,
+            max: (max_bytes / 128).clamp(1 << 16, 1 << 28),
             refused: 0,
         }
     }

@@ -127,8 +127,8 @@ pub(crate) struct Helper {
 }
 
 impl Helper {
-    pub(crate) fn new(max_bricks: u32) -> Self {
-        Self { caster: Caster::default(), marks: ScanMarks::new(max_bricks), slots: Vec::new() }
+    pub(crate) fn new(max_bytes: usize) -> Self {
+        Self { caster: Caster::default(), marks: ScanMarks::new(max_bytes), slots: Vec::new() }
     }
 
     pub(crate) fn cast(&mut self, from: &Origin, rays: &[Ray]) {

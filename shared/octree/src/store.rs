@@ -86,6 +86,9 @@ impl Store {
             self.slots[index as usize] = slot;
             return index;
         }
+        if self.slots.len() == self.slots.capacity() {
+            self.slots.reserve_exact(self.slots.len() / 8 + 64);
+        }
         self.slots.push(slot);
         self.slots.len() as u32 - 1
     }
