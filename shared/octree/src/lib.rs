@@ -41,6 +41,7 @@ mod directory;
 mod error;
 mod forget;
 mod key;
+mod lanes;
 mod leaves;
 mod map;
 mod marks;
