@@ -186,7 +186,22 @@ impl Bricks {
             states[voxel] = last.1;
         }
         self.stores[shard].fill(index, &states);
+        self.stores[shard].find_occupied(index, &self.palette);
         self.stores[shard].set_revision(index, revision);
+    }
+
+    /// Forgets value and flag of voxels.
+    pub(crate) fn erase(&mut self, place: u32, mask: &Mask, revision: u32) {
+        let (shard, index) = split_place(place);
+        self.stores[shard].erase(index, mask, &self.palette);
+        self.stores[shard].set_revision(index, revision);
+    }
+
+    /// The words in which occupied voxels may be; see [`Store::occupied_words`].
+    #[inline]
+    pub(crate) fn occupied_words(&self, place: u32) -> u8 {
+        let (store, index) = self.at(place);
+        store.occupied_words(index)
     }
 
     /// Log-odds of a brick's voxel; `None` where it is unknown.

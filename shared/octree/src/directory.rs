@@ -38,6 +38,13 @@ impl Default for Near {
     }
 }
 
+impl Near {
+    /// Whether the last look-up found a tile, if not the brick in it.
+    pub(crate) fn is_tile(&self) -> bool {
+        self.number != NOWHERE
+    }
+}
+
 impl Directory {
     /// Number of bricks.
     pub(crate) fn len(&self) -> u32 {

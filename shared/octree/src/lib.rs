@@ -56,6 +56,7 @@ mod region;
 mod scan;
 mod sensor;
 mod since;
+mod skip;
 mod store;
 mod trace;
 mod tree;

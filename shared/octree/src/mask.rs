@@ -91,6 +91,12 @@ pub(crate) fn count(mask: &Mask) -> usize {
     mask.iter().map(|word| word.count_ones() as usize).sum()
 }
 
+/// Bit n: a bit of word n is set.
+#[inline]
+pub(crate) fn words(mask: &Mask) -> u8 {
+    mask.iter().enumerate().fold(0, |words, (n, word)| words | u8::from(*word != 0) << n)
+}
+
 /// Whether no bit is set.
 #[inline]
 pub(crate) fn is_empty(mask: &Mask) -> bool {
