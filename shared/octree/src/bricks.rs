@@ -2,7 +2,6 @@
 
 use crate::directory::{Directory, NOWHERE, Near};
 use crate::mask::{self, BRICK_VOXELS, Bits, Mask};
-use crate::morton;
 use crate::palette::{Palette, UNKNOWN};
 use crate::store::Store;
 use crate::{Key, SensorModel};
@@ -223,31 +222,10 @@ impl Bricks {
         store.ground(index)
     }
 
-    /// Calls `visit` with code and place of every brick that overlaps a box of keys, both inclusive: by the box where it is
-    /// small, by the map where that is.
-    pub(crate) fn for_each_in(&self, min: Key, max: Key, mut visit: impl FnMut(u64, u32)) {
-        let (low, high) = (min.map(|axis| axis >> 3), max.map(|axis| axis >> 3));
-        let spans = [0, 1, 2].map(|axis| u64::from(high[axis].saturating_sub(low[axis])) + 1);
-        if spans.iter().product::<u64>() <= 4 * u64::from(self.len()) {
-            let mut near = Near::default();
-            for z in low[2]..=high[2] {
-                for y in low[1]..=high[1] {
-                    for x in low[0]..=high[0] {
-                        let code = morton::encode([x, y, z]);
-                        if let Some(place) = self.find_near(code, &mut near) {
-                            visit(code, place);
-                        }
-                    }
-                }
-            }
-            return;
-        }
-        self.directory.for_each(|code, place| {
-            let brick = morton::decode(code);
-            if (0..3).all(|axis| (low[axis]..=high[axis]).contains(&brick[axis])) {
-                visit(code, place);
-            }
-        });
+    /// Calls `visit` with code and place of every brick that overlaps a box of keys, both inclusive.
+    #[inline]
+    pub(crate) fn for_each_in(&self, min: Key, max: Key, visit: impl FnMut(u64, u32)) {
+        self.directory.for_each_in(min.map(|axis| axis >> 3), max.map(|axis| axis >> 3), visit);
     }
 
     /// Codes and places of all bricks in Morton order.

@@ -86,7 +86,7 @@ impl Ray<'_> {
             if now != brick {
                 (brick, here) = (now, self.here(now, &mut near));
             }
-            if let Some(hit) = self.stop(here, || walk.voxel()) {
+            if let Some(hit) = self.stop(here, || morton::within(walk.key)) {
                 return Some(self.stopped(hit, walk.key));
             }
         }

@@ -61,14 +61,6 @@ impl Skipper {
         }
     }
 
-    /// Number of the voxel in its brick.
-    #[inline]
-    pub(crate) fn voxel(&self) -> usize {
-        const SPREAD: [u16; 8] = [0, 1, 8, 9, 64, 65, 72, 73];
-        let [x, y, z] = self.key.map(|axis| SPREAD[usize::from(axis & 7)]);
-        usize::from(x | y << 1 | z << 2)
-    }
-
     /// Goes to the next voxel.
     #[inline]
     pub(crate) fn advance(&mut self) {

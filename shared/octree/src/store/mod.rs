@@ -3,6 +3,7 @@
 mod floats;
 mod forms;
 mod update;
+mod within;
 mod write;
 
 pub(crate) use update::{Missing, Sums};
@@ -148,14 +149,14 @@ impl Store {
         }
     }
 
-    /// The voxels of a brick, at least those of the blocks of eight that `within` reaches.
-    pub(crate) fn decode(&self, index: u32, palette: &Palette, within: &Mask, decoded: &mut Decoded) {
+    /// The voxels of a brick.
+    pub(crate) fn decode(&self, index: u32, palette: &Palette, decoded: &mut Decoded) {
         match self.slots[index as usize].form {
             Form::Uniform(UNKNOWN) => decoded.unknown(),
             Form::Uniform(state) => decoded.uniform(palette.value(state)),
             Form::Planes { planes, entries, at } => {
                 let (planes, table) = self.parts(planes, entries, at);
-                decoded.planes(planes, table, entries.into(), within, palette);
+                decoded.planes(planes, table, entries.into(), palette);
             }
             Form::Floats(at) => decoded.floats(self.known(index), |voxel| self.float(at, voxel)),
         }
