@@ -27,10 +27,12 @@ fn a_point_gives_one_hit_and_no_ray() {
 
 #[test]
 fn points_that_cannot_go_in_are_counted() {
-    let points = [[f32::NAN, 0.0, 0.0], [0.0, 1e9, 0.0], [0.0, f32::INFINITY, 0.0], [0.0; 3], [99.0; 3]];
-    let config = MapConfig { max_bricks: 1, ..MapConfig::new(0.1) };
-    let cloud = map_of_cloud(points, config).unwrap();
-    assert_eq!((cloud.hits, cloud.not_finite, cloud.outside, cloud.full), (1, 2, 1, 1));
+    let bad = [[f32::NAN, 0.0, 0.0], [0.0, 1e9, 0.0], [0.0, f32::INFINITY, 0.0]];
+    let far = (0..100).map(|n| [30.0 * n as f32, 0.0, 0.0]);
+    let config = MapConfig { max_bytes: 64 << 10, ..MapConfig::new(0.1) };
+    let cloud = map_of_cloud(bad.into_iter().chain(far), config).unwrap();
+    assert_eq!((cloud.not_finite, cloud.outside, cloud.hits + cloud.full), (2, 1, 100));
+    assert!(cloud.hits > 10 && cloud.full > 10 && cloud.map.memory_bytes() <= 64 << 10);
 }
 
 #[test]
