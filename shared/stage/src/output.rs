@@ -1,8 +1,10 @@
 //! What stages write to: shared memory in a pipeline, plain vectors in tests and benches (`default()`).
 
-use evac_frames::{FrameHeader, GridHeader, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel};
+use evac_frames::{
+    FrameHeader, GridHeader, ImuSample, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel,
+};
 use evac_ports::services::{
-    Cell, GridPlan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
+    Cell, GridPlan, Imu, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
 };
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
@@ -102,6 +104,54 @@ impl StageOutput for ScanOutput {
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+/// Where a device's IMU samples go.
+#[derive(Debug, Default)]
+pub struct ImuOutput {
+    /// What was published, newest last, where no shared memory is connected.
+    pub memory: Vec<ImuSample>,
+    newest_only: bool,
+    next_seq: u64,
+    port: Option<(RecordPublisher<Imu>, u32)>,
+}
+
+impl ImuOutput {
+    /// Keeps only the newest sample in memory, so that publishing does not allocate.
+    pub fn newest_only() -> Self {
+        Self { newest_only: true, memory: Vec::with_capacity(1), ..Self::default() }
+    }
+
+    /// Publishes a sample; gives it with its number and the moment of its hand-over.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    pub fn publish(&mut self, sample: &ImuSample) -> Result<ImuSample, StageError> {
+        let mut sample = ImuSample { seq: self.next_seq, sent_ns: now_ns(), ..*sample };
+        self.next_seq += 1;
+        match &self.port {
+            Some((port, epoch)) => {
+                sample.epoch = *epoch;
+                port.publish(&sample).map_err(failed)?;
+            }
+            None => {
+                if self.newest_only {
+                    self.memory.clear();
+                }
+                self.memory.push(sample);
+            }
+        }
+        Ok(sample)
+    }
+}
+
+impl StageOutput for ImuOutput {
+    const SERVICES: &'static [&'static str] = &["imu/sample"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
     }
 }
 
