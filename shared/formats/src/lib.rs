@@ -11,6 +11,7 @@ pub mod occupancy_grid;
 pub mod octomap;
 pub mod pcap;
 pub mod pcd;
+pub mod pfm;
 pub mod ply;
 pub mod rgb_image;
 pub mod ros1;
