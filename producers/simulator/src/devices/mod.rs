@@ -1,0 +1,3 @@
+//! The simulated sensors as devices that real drivers talk to.
+
+pub mod livox;
