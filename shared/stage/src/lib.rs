@@ -38,7 +38,10 @@ pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
-pub use output::{GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, ScanOutput, StageOutput};
+pub use output::{
+    GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, RawScanOutput, ScanOutput, StageOutput,
+    TruthOutput,
+};
 pub use run_device::{device_main, run_device};
 pub use run_source::{run_source, source_main};
 pub use run_stage::{run_stage, stage_main};

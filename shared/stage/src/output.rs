@@ -4,8 +4,10 @@ use evac_frames::{
     FrameHeader, GridHeader, ImuSample, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel,
 };
 use evac_ports::services::{
-    Cell, GridPlan, Imu, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
+    Cell, GridPlan, Imu, LidarScan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
+    TruthPose,
 };
+use evac_ports::services::{FrameService, SliceLen};
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
 use crate::{StageError, tracking};
@@ -104,6 +106,107 @@ impl StageOutput for ScanOutput {
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+/// Where a device's scans go.
+#[derive(Debug, Default)]
+pub struct RawScanOutput {
+    /// What was published, newest last, where no shared memory is connected.
+    pub memory: Vec<(ScanHeader, Vec<Point>)>,
+    newest_only: bool,
+    next_seq: u64,
+    port: Option<(FramePublisher<LidarScan>, u32)>,
+}
+
+impl RawScanOutput {
+    /// Most points of a scan; a longer one is refused.
+    pub const MAX_POINTS: usize = match <LidarScan as FrameService>::LEN {
+        SliceLen::Fixed(points) | SliceLen::Growing(points) => points,
+    };
+
+    /// Keeps only the newest scan in memory and reuses its buffer, so that publishing does not allocate.
+    pub fn newest_only() -> Self {
+        Self { newest_only: true, ..Self::default() }
+    }
+
+    /// Publishes a scan of `header.points` points; `fill(i)` is called once for each index in order and its result written
+    /// straight into the loaned memory. Shots without return are counted. Gives the header with that, its number and the moment
+    /// of its hand-over.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    pub fn publish(
+        &mut self,
+        mut header: ScanHeader,
+        mut fill: impl FnMut(usize) -> Point,
+    ) -> Result<ScanHeader, StageError> {
+        header.frame.seq = self.next_seq;
+        self.next_seq += 1;
+        let len = header.points as usize;
+        let no_return = std::cell::Cell::new(0);
+        let fill = |index| {
+            let point = fill(index);
+            no_return.set(no_return.get() + u32::from(!point.is_return()));
+            point
+        };
+        let Some((port, epoch)) = &self.port else {
+            keep(&mut self.memory, self.newest_only, header, len, fill);
+            (header.no_return, header.frame.sent_ns) = (no_return.get(), now_ns());
+            if let Some((kept, _)) = self.memory.last_mut() {
+                *kept = header;
+            }
+            return Ok(header);
+        };
+        let finish = || {
+            header.no_return = no_return.get();
+            stamp(&mut header.frame, *epoch);
+            header
+        };
+        port.publish(len, fill, finish).map_err(failed)?;
+        Ok(header)
+    }
+}
+
+impl StageOutput for RawScanOutput {
+    const SERVICES: &'static [&'static str] = &["lidar/scan"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+/// Where the true poses of simulated devices go.
+#[derive(Debug, Default)]
+pub struct TruthOutput {
+    /// What was published, newest last, where no shared memory is connected.
+    pub memory: Vec<PoseFrame>,
+    port: Option<(RecordPublisher<TruthPose>, u32)>,
+}
+
+impl TruthOutput {
+    /// Publishes a pose.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    pub fn publish(&mut self, pose: &PoseFrame) -> Result<(), StageError> {
+        let mut pose = *pose;
+        let Some((port, epoch)) = &self.port else {
+            self.memory.push(pose);
+            return Ok(());
+        };
+        stamp(&mut pose.frame, *epoch);
+        port.publish(&pose).map_err(failed)
+    }
+}
+
+impl StageOutput for TruthOutput {
+    const SERVICES: &'static [&'static str] = &["truth/pose"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
     }
 }
 
