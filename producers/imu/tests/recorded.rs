@@ -63,7 +63,8 @@ fn check_against_truth(driver: &Driver) {
     let (mut from, mut places) = (0, Vec::new());
     for sample in &driver.output.memory {
         let at = truth[from..].iter().position(|truth| *truth == (sample.accel, sample.gyro));
-        from += at.unwrap_or_else(|| panic!("never was: {sample:?}")) + 1;
+        assert!(at.is_some(), "never was: {sample:?}");
+        from += at.unwrap() + 1;
         places.push(from);
     }
     for (places, samples) in places.windows(2).zip(driver.output.memory.windows(2)) {
