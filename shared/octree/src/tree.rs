@@ -41,9 +41,9 @@ impl OctreeMap {
     /// A map with the leaves of a tree; a leaf above the finest level fills all its voxels.
     ///
     /// # Errors
-    /// [`MapError::TooLarge`] before more than `max_bricks` bricks are taken, and as [`OctreeMap::new`].
-    pub fn from_tree(tree: &OcTreeFile, sensor: SensorModel, max_bricks: u32) -> Result<Self, MapError> {
-        let mut map = Self::new(MapConfig { sensor, max_bricks, ..MapConfig::new(tree.resolution()) })?;
+    /// [`MapError::TooLarge`] before more than `max_bytes` are taken, and as [`OctreeMap::new`].
+    pub fn from_tree(tree: &OcTreeFile, sensor: SensorModel, max_bytes: usize) -> Result<Self, MapError> {
+        let mut map = Self::new(MapConfig { sensor, max_bytes, ..MapConfig::new(tree.resolution()) })?;
         let mut brick = NewBrick { code: None, known: [0; WORDS], values: [0.0; BRICK_VOXELS] };
         let mut near = Near::default();
         // Children that are still to come, and the code, of each open ancestor.
@@ -86,16 +86,16 @@ impl OctreeMap {
 
     /// Sets all voxels of the node with this code and depth, of a brick or more.
     fn fill(&mut self, code: u64, depth: u32, log_odds: f32) -> Result<(), MapError> {
-        let too_large = MapError::TooLarge { max_bricks: self.bricks.max() };
+        let too_large = MapError::TooLarge { max_bytes: self.bricks.max_bytes() };
         let levels = 3 * (BRICK_DEPTH - depth);
         let bricks = 1_u64 << levels;
-        if bricks > u64::from(self.bricks.max() - self.bricks.len()) {
+        if !self.bricks.has_room_for_uniform(bricks) {
             return Err(too_large);
         }
         let mut near = Near::default();
         for brick in 0..bricks {
             let place =
-                self.bricks.find_or_add((code << levels) + brick, &mut near).ok_or(too_large.clone())?;
+                self.bricks.find_or_add_one((code << levels) + brick, &mut near).ok_or(too_large.clone())?;
             self.bricks.assign(place, &[u64::MAX; WORDS], log_odds, self.revision);
         }
         self.known += BRICK_VOXELS * bricks as usize;
@@ -106,8 +106,8 @@ impl OctreeMap {
     /// Adds a brick from its voxels.
     fn add_brick(&mut self, brick: &mut NewBrick, near: &mut Near) -> Result<(), MapError> {
         let Some(code) = brick.code.take() else { return Ok(()) };
-        let too_large = MapError::TooLarge { max_bricks: self.bricks.max() };
-        let place = self.bricks.find_or_add(code, near).ok_or(too_large)?;
+        let too_large = MapError::TooLarge { max_bytes: self.bricks.max_bytes() };
+        let place = self.bricks.find_or_add_one(code, near).ok_or(too_large)?;
         self.bricks.fill(place, &brick.known, &brick.values, self.revision);
         let known = mask::count(&brick.known);
         self.known += known;
