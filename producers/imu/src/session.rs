@@ -127,7 +127,7 @@ impl Session {
             save: config.save,
             wanted_baud: config.baud,
             baud: config.baud,
-            next_baud: 0,
+            next_baud: BAUDS.len() - 1,
             step: Step::Stream,
             until_ns: 0,
             setting: 0,
