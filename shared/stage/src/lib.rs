@@ -14,6 +14,8 @@
 
 mod check;
 mod exit;
+mod follow;
+mod gate;
 mod health;
 mod input;
 pub mod joins;
@@ -21,6 +23,7 @@ mod logging;
 mod options;
 mod output;
 mod pace;
+mod role;
 mod run_source;
 mod run_stage;
 mod source;
@@ -30,6 +33,7 @@ mod tracking;
 pub use check::check_range;
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
+pub use follow::{Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
 pub use logging::{LogOptions, start_logging};

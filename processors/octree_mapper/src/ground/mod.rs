@@ -66,6 +66,11 @@ impl GroundFilter {
         &self.ground
     }
 
+    /// Whether what is remembered of earlier scans is all that ever will be: as if all scans had been seen.
+    pub fn is_warm(&self) -> bool {
+        self.known.len() >= MEMORY || !self.config.enabled
+    }
+
     /// One flag a point of a whole cloud: whether it is ground of any level.
     pub fn ground_of_cloud(&mut self, points: &[[f32; 3]]) -> &[bool] {
         let first = points.iter().find(|point| point.iter().all(|x| x.is_finite()));
