@@ -10,6 +10,7 @@ use evac_ports::services::{
 use evac_ports::services::{FrameService, SliceLen};
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
+use crate::follow::{AckFollower, Follower, MapFollower, PoseFollower, Routed, ScanFollower};
 use crate::{StageError, tracking};
 
 /// An output that the run loop can connect to the bus.
@@ -25,6 +26,18 @@ pub trait StageOutput: Sized {
     /// # Errors
     /// [`PortError`].
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError>;
+
+    /// By what a standby follows the routed instance.
+    type Follower: Follower;
+
+    /// A standby takes note of what the routed instance put out.
+    fn note(&mut self, _routed: &Routed<'_, Self>) {}
+
+    /// Publishes the routed instance's newest output once more: one that was killed may have handed it to some of its readers only.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError>;
 
     /// How the odometry fares whose output this is, for the health report; nothing for other stages.
     fn odometry(&self) -> OdometryHealth {
@@ -103,6 +116,12 @@ impl ScanOutput {
 impl StageOutput for ScanOutput {
     const SERVICES: &'static [&'static str] = &["scan/deskewed"];
     const IS_SINK: bool = false;
+    type Follower = ScanFollower;
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        let points = routed.items();
+        self.publish(routed.header(), points.len(), |i| points.get(i).copied().unwrap_or_default())
+    }
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
@@ -296,6 +315,15 @@ impl PoseOutput {
 impl StageOutput for PoseOutput {
     const SERVICES: &'static [&'static str] = &["odometry/pose"];
     const IS_SINK: bool = false;
+    type Follower = PoseFollower;
+
+    fn note(&mut self, routed: &Routed<'_, Self>) {
+        tracking::count(&mut self.odometry, routed);
+    }
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        self.publish(routed)
+    }
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
@@ -316,6 +344,8 @@ pub struct MapOutput {
     /// Lets a test ask for a snapshot where no shared memory is connected.
     pub request_snapshot: bool,
     newest_only: bool,
+    /// Epoch of the mapper that began the map, where it was another.
+    map_epoch: Option<u32>,
     port: Option<MapPort>,
 }
 
@@ -345,6 +375,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
+        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
         let Some(port) = &self.port else {
             keep(&mut self.memory, self.newest_only, header, len, fill);
             return Ok(());
@@ -376,6 +407,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
+        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
         let Some(port) = &self.port else {
             keep(&mut self.snapshots, self.newest_only, header, len, fill);
             return Ok(());
@@ -391,6 +423,16 @@ impl MapOutput {
 impl StageOutput for MapOutput {
     const SERVICES: &'static [&'static str] = &["map/update", "map/snapshot"];
     const IS_SINK: bool = false;
+    type Follower = MapFollower;
+
+    fn note(&mut self, routed: &Routed<'_, Self>) {
+        self.map_epoch = Some(routed.header.map_epoch);
+    }
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        let voxels = routed.voxels;
+        self.publish(routed.header, voxels.len(), |i| voxels.get(i).copied().unwrap_or_default())
+    }
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         let port = MapPort {
@@ -438,6 +480,11 @@ impl GridOutput {
 impl StageOutput for GridOutput {
     const SERVICES: &'static [&'static str] = &["grid/plan"];
     const IS_SINK: bool = true;
+    type Follower = AckFollower;
+
+    fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
+        Ok(())
+    }
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
@@ -451,6 +498,11 @@ pub struct NoOutput;
 impl StageOutput for NoOutput {
     const SERVICES: &'static [&'static str] = &[];
     const IS_SINK: bool = true;
+    type Follower = AckFollower;
+
+    fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
+        Ok(())
+    }
 
     fn open(_bus: &Bus, _epoch: u32) -> Result<Self, PortError> {
         Ok(Self)
