@@ -3,8 +3,10 @@
 mod atomic_file;
 pub mod cloud;
 mod error;
+pub mod las;
 mod lines;
 pub mod livox_sdk1;
+pub mod livox_sdk2;
 pub mod occupancy_grid;
 pub mod octomap;
 pub mod pcap;
