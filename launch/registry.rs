@@ -6,9 +6,12 @@ use evac_grid_exporter::GridExporter;
 use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
 use evac_odometry::{Lio, Loam};
+use evac_recorder::Recorder;
 use evac_replay::Replay;
 use evac_simulator::Simulator;
-use evac_stage::joins::{DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin};
+use evac_stage::joins::{
+    DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin, TapJoin,
+};
 use evac_stage::{
     RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_source, run_stage as run_one,
     start_logging,
@@ -44,7 +47,7 @@ pub(crate) struct Kind {
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 8] {
+pub(crate) fn kinds() -> [Kind; 9] {
     [
         source::<Simulator>(),
         source::<Replay>(),
@@ -54,6 +57,7 @@ pub(crate) fn kinds() -> [Kind; 8] {
         stage::<OctreeMapper, ScanPoseJoin>(Role::Processor),
         stage::<GridExporter, PlanJoin>(Role::Consumer),
         stage::<MapSaver, SinkJoin>(Role::Consumer),
+        stage::<Recorder, TapJoin>(Role::Consumer),
     ]
 }
 

@@ -1,17 +1,19 @@
 //! File and wire formats: bytes in, typed values out, and back. No IPC, no clock. No parser panics on any bytes.
 
 mod atomic_file;
+pub mod bag;
 pub mod cloud;
 mod error;
 mod lines;
 pub mod livox_sdk1;
+pub mod mcap;
 pub mod occupancy_grid;
 pub mod octomap;
 pub mod pcap;
 pub mod pcd;
 pub mod ply;
 pub mod rgb_image;
-pub mod ros1;
+pub mod ros;
 pub mod rosbag;
 pub mod tum;
 mod utc;
@@ -19,3 +21,4 @@ pub mod wt901c;
 
 pub use atomic_file::write_atomically;
 pub use error::FormatError;
+pub use utc::name as utc_name;

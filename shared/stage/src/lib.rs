@@ -31,7 +31,7 @@ pub use check::check_range;
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
 pub use health::{InputCounters, Reporter};
-pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
+pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
 pub use output::{GridOutput, MapOutput, NoOutput, PoseOutput, ScanOutput, StageOutput};

@@ -83,7 +83,8 @@ where
     S::Output: StageOutput,
 {
     let Some((context, config)) = prepare::<S::Config>(S::NAME, options)? else { return Ok(()) };
-    let stage = S::new(config, &context.rig)?;
+    let mut stage = S::new(config, &context.rig)?;
+    stage.begin(&context.pipeline_text()?)?;
     let bus = Bus::join(&context.domain, &context.name)?;
     let lossless = context.mode == evac_config::Mode::Lossless;
     let join_options = JoinOptions::new(lossless, context.has_kind(ODOMETRY_KINDS));
@@ -171,6 +172,7 @@ where
             Ok::<FrameHeader, StageError>(*frame)
         });
         let Some(frame) = handled.transpose()? else { return Ok(false) };
+        let Some(frame) = self.join.done(&frame) else { return Ok(true) };
         self.ended = frame.flags & frame_flags::END_OF_STREAM != 0;
         if self.ended {
             self.stage.finish()?;

@@ -17,6 +17,11 @@ impl SeqTracker {
         Some(gap)
     }
 
+    /// The number after the last one; `None` before the first.
+    pub(crate) fn passed(&self) -> Option<u64> {
+        self.next
+    }
+
     /// Counts the frames missing before `seq`, or the frame itself as late where its place has been passed; whether it
     /// is to be used.
     pub(crate) fn count(&mut self, seq: u64, input: &mut InputCounters) -> bool {
