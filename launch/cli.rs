@@ -54,7 +54,7 @@ pub(crate) enum Command {
     Check(CheckArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
+        after_help = "Kinds: simulator, replay, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver, recorder"
     )]
     Stage(StageArgs),
     /// Turn a point cloud into an octree file
