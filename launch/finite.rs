@@ -11,7 +11,7 @@ use evac_stage::start_logging;
 use toml::Value;
 
 use crate::check::check;
-use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, RecordingArgs, World};
+use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, RecordingArgs};
 use crate::error::LaunchError;
 use crate::progress::Bar;
 use crate::registry::ODOMETRIES;
@@ -29,21 +29,10 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         pipeline.mode = Mode::Live;
     }
     choose(&mut pipeline, &args.odometry);
-    let world = match args.world {
-        World::Corridor => "corridor",
-        World::Hall => "hall",
-        World::Stairwell => "stairwell",
-        World::FloorPlan => "floor_plan",
-        World::Rough => "rough",
-        World::Tunnel => "tunnel",
-        World::Plant => "plant",
-        World::Office => "office",
-        World::Atrium => "atrium",
-        World::OpenHall => "open_hall",
-        World::Ramp => "ramp",
-        World::Shaft => "shaft",
-    };
-    set(&mut pipeline, "simulator", "world", Value::from(world));
+    let world = Value::try_from(args.world)
+        .map_err(|cause| LaunchError::Path(format!("--world {:?}: {cause}", args.world)))?;
+    let about = format!("simulated {}, seed {}", world.as_str().unwrap_or_default(), args.seed);
+    set(&mut pipeline, "simulator", "world", world);
     for (key, value) in [("seed", args.seed), ("building", args.building)] {
         let number = i64::try_from(value).map_err(|_| {
             LaunchError::Path(format!("--{key} {value} is too large; use at most {}", i64::MAX))
@@ -57,12 +46,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         create_folder(folder)?;
         set(&mut pipeline, "simulator", "record", path_value(folder)?);
     }
-    let run = Run {
-        command: "demo",
-        output: &args.output,
-        truth: None,
-        about: format!("simulated {world}, seed {}", args.seed),
-    };
+    let run = Run { command: "demo", output: &args.output, truth: None, about };
     run_to_the_end(pipeline, &Domain::new(&args.domain)?, args.resolution, &args.log, &run)
 }
 

@@ -3,12 +3,15 @@
 mod atomic_file;
 pub mod cloud;
 mod error;
+pub mod las;
 mod lines;
 pub mod livox_sdk1;
+pub mod livox_sdk2;
 pub mod occupancy_grid;
 pub mod octomap;
 pub mod pcap;
 pub mod pcd;
+pub mod pfm;
 pub mod ply;
 pub mod rgb_image;
 pub mod ros1;

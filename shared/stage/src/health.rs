@@ -13,7 +13,8 @@ const INTERVAL_NS: i64 = 1_000_000_000;
 /// Counts and times what a stage does and publishes it on `health/status`.
 #[derive(Debug)]
 pub struct Reporter {
-    publisher: RecordPublisher<HealthStatus>,
+    /// None where nobody is listening: in tests and benches.
+    publisher: Option<RecordPublisher<HealthStatus>>,
     health: Health,
     ipc: Latency,
     compute: Latency,
@@ -51,16 +52,21 @@ impl Reporter {
     }
 
     pub(crate) fn open_as(bus: &Bus, name: &str, epoch: u32, state: StageState) -> Result<Self, PortError> {
-        let health = Health {
-            name: Health::text(name),
-            pid: std::process::id(),
-            epoch,
-            state: state as u32,
-            ..Health::default()
-        };
-        let mut reporter = Self {
-            publisher: RecordPublisher::open(bus)?,
-            health,
+        let mut reporter = Self::detached();
+        reporter.publisher = Some(RecordPublisher::open(bus)?);
+        reporter.health.name = Health::text(name);
+        reporter.health.epoch = epoch;
+        reporter.health.state = state as u32;
+        reporter.publish()?;
+        Ok(reporter)
+    }
+
+    /// A reporter that publishes nothing, for tests and benches.
+    pub fn detached() -> Self {
+        let state = StageState::Waiting as u32;
+        Self {
+            publisher: None,
+            health: Health { pid: std::process::id(), state, ..Health::default() },
             ipc: Latency::new(),
             compute: Latency::new(),
             end_to_end: Latency::new(),
@@ -68,9 +74,17 @@ impl Reporter {
             counters: Counters::default(),
             odometry: OdometryHealth::default(),
             last_report: (now_ns(), 0),
-        };
-        reporter.publish()?;
-        Ok(reporter)
+        }
+    }
+
+    /// What goes on, in words for an operator; stays in the reports until the next one. Empty: nothing to say.
+    pub fn note(&mut self, text: &str) {
+        self.health.reason = Health::text(text);
+    }
+
+    /// The newest note.
+    pub fn noted(&self) -> String {
+        Health::text_of(&self.health.reason)
     }
 
     /// A frame came in from another process.
@@ -176,7 +190,7 @@ impl Reporter {
         self.health.ipc = self.ipc.summary();
         self.health.compute = self.compute.summary();
         self.health.end_to_end = self.end_to_end.summary();
-        self.publisher.publish(&self.health)
+        self.publisher.as_ref().map_or(Ok(()), |publisher| publisher.publish(&self.health))
     }
 }
 
