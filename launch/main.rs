@@ -15,6 +15,7 @@ mod health_board;
 mod live;
 mod progress;
 mod registry;
+mod restart;
 mod slot;
 mod status;
 mod summary;
