@@ -4,6 +4,7 @@ mod calibrate;
 mod check;
 mod cli;
 mod convert;
+mod doctor;
 mod drift;
 mod error;
 mod eval;
@@ -47,6 +48,7 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Down(args) => live::down(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
+        Command::Doctor(args) => doctor::doctor(&args),
         Command::Stage(args) => registry::run_stage(&args),
         Command::Convert(args) => convert::convert(&args),
         Command::Experiment(args) => experiment::experiment(&args),
