@@ -39,6 +39,15 @@ pub(crate) enum Command {
     Up(UpArgs),
     /// Stop the pipeline that runs in a pipeline file's domain
     Down(DomainArgs),
+    /// Replace a stage while the pipeline runs
+    ///
+    /// The new instance starts beside the old one, follows it until it could go on in its place, and takes over between two
+    /// frames: none is lost and none comes twice. If it does not get ready the old one goes on. Without options the same
+    /// stage is started anew, or a standby that is ready takes over.
+    #[command(visible_alias = "restart")]
+    Swap(SwapArgs),
+    /// Start a second instance that takes over when the first one dies
+    Standby(SwapArgs),
     /// Show every stage of a running pipeline: pid, state, rate, age, losses and latency
     Status(StatusArgs),
     /// Check a pipeline file without starting anything
@@ -202,6 +211,31 @@ pub(crate) struct DomainArgs {
     #[arg(value_name = "PIPELINE.toml")]
     pub(crate) pipeline: Option<PathBuf>,
     /// Space of shared-memory services [default: the pipeline file's, or evac]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SwapArgs {
+    /// Name of the stage in the pipeline file; `odometry` is whichever there is
+    #[arg(value_name = "STAGE")]
+    pub(crate) stage: String,
+    /// Another kind that writes the same, for example loam in the place of lio
+    #[arg(long)]
+    pub(crate) kind: Option<String>,
+    /// Another executable that keeps the contract, and its first arguments
+    #[arg(long, value_name = "EXECUTABLE", num_args = 1.., allow_hyphen_values = true)]
+    pub(crate) run: Option<Vec<PathBuf>>,
+    /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]
+    #[arg(long, value_name = "PIPELINE.toml")]
+    pub(crate) config: Option<PathBuf>,
+    /// Longest time until the new instance is ready
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
+    pub(crate) patience: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Space of shared-memory services [default: evac]
     #[arg(long)]
     pub(crate) domain: Option<String>,
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use evac_config::{Mode, Pipeline, Rig, RigFile};
 use evac_formats::write_atomically;
-use evac_ports::{Domain, wait_on};
+use evac_ports::Domain;
 use evac_stage::start_logging;
 use toml::Value;
 
@@ -127,10 +127,10 @@ fn run_to_the_end(
     write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
 
     let started = Instant::now();
-    let (mut supervisor, listeners) = Supervisor::start(&pipeline, &file, domain, log)?;
+    let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, domain, log)?;
     let bar = Bar::new(&run.about);
     let mut frames = 0;
-    let ended = wait_on(&listeners, |_| match step(&mut supervisor, &bar, &mut frames) {
+    let ended = wakeups.wait(|_| match step(&mut supervisor, &bar, &mut frames) {
         Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
         Ok(Progress::Running) => ControlFlow::Continue(Duration::from_millis(100)),
         Ok(Progress::Finished) => ControlFlow::Break(Ok(())),

@@ -82,7 +82,6 @@ fn stage<S, J>(role: Role) -> Kind
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-    S::Output: StageOutput,
 {
     Kind {
         name: S::NAME,

@@ -116,6 +116,7 @@ fn values_inside_payloads_are_those_of_the_vendor_s_document_without_any_files()
     let time = UtcTime { year: 26, month: 11, day: 21, hour: 14, microseconds: 15_000_000 };
     assert_eq!(time.to_bytes().to_vec(), hex(&Value::from("1a0b150ec0e1e400")));
     assert_eq!(UtcTime::from_bytes(time.to_bytes()), time);
+    assert_eq!(UtcTime::of_nanoseconds(1_795_269_615_000_000_999), time);
     assert_eq!(Request::read(1, 6, &[3]), Some(Request::SetReturnMode(ReturnMode::Triple)));
     for (set, id, payload) in [(1, 6, &[4][..]), (0, 4, &[2]), (0, 3, &[0]), (0, 1, &[0; 9]), (2, 0, &[])] {
         assert_eq!(Request::read(set, id, payload), None);

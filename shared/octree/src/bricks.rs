@@ -1,8 +1,9 @@
 //! The bricks of a map: a directory over stores that threads can update apart from each other.
 
+use crate::build::Groups;
 use crate::directory::{Directory, NOWHERE, Near};
-use crate::mask::{self, BRICK_VOXELS, Bits, Mask};
-use crate::palette::{Palette, UNKNOWN};
+use crate::mask::Mask;
+use crate::palette::Palette;
 use crate::store::Store;
 use crate::{Key, SensorModel};
 
@@ -166,26 +167,14 @@ impl Bricks {
         self.stores[shard].set_revision(index, revision);
     }
 
-    /// Gives a new brick its voxels: the values of those that are known.
-    pub(crate) fn fill(&mut self, place: u32, known: &Mask, values: &[f32; BRICK_VOXELS], revision: u32) {
+    /// Gives a new brick its voxels.
+    pub(crate) fn fill(&mut self, place: u32, groups: &Groups, revision: u32) {
         let (shard, index) = split_place(place);
-        let mut states = [UNKNOWN; BRICK_VOXELS];
-        let mut last = (f32::NAN.to_bits(), UNKNOWN);
-        for voxel in Bits::of(*known) {
-            let value = values[voxel];
-            if value.to_bits() != last.0 {
-                let Some(state) = self.palette.state(value) else {
-                    for voxel in Bits::of(*known) {
-                        self.assign(place, &mask::range(voxel, 1), values[voxel], revision);
-                    }
-                    return;
-                };
-                last = (value.to_bits(), state);
+        if !self.stores[shard].fill(index, groups, &mut self.palette) {
+            for (value, voxels) in groups.iter() {
+                self.stores[shard].assign(index, voxels, value, &mut self.palette);
             }
-            states[voxel] = last.1;
         }
-        self.stores[shard].fill(index, &states);
-        self.stores[shard].find_occupied(index, &self.palette);
         self.stores[shard].set_revision(index, revision);
     }
 
@@ -231,5 +220,15 @@ impl Bricks {
     /// Codes and places of all bricks in Morton order.
     pub(crate) fn sorted(&self) -> Vec<(u64, u32)> {
         self.directory.sorted()
+    }
+
+    /// The same of those in which a voxel is known.
+    pub(crate) fn sorted_known(&self) -> Vec<(u64, u32)> {
+        let mut sorted = self.sorted();
+        sorted.retain(|&(_, place)| {
+            let (store, index) = self.at(place);
+            store.is_known(index)
+        });
+        sorted
     }
 }

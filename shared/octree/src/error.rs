@@ -1,5 +1,9 @@
 //! What the map refuses.
 
+use std::path::PathBuf;
+
+use evac_formats::FormatError;
+
 use crate::SensorModel;
 
 /// Why a map cannot be made.
@@ -59,4 +63,20 @@ pub enum Rejected {
     /// A new brick would exceed the map's ceiling.
     #[error("the map takes as many bytes as it may")]
     Full,
+}
+
+/// Why a map was not read from a file.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The bytes are no OctoMap file.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// No map can be made of what they say.
+    #[error("{}: {cause}", path.display())]
+    Map {
+        /// The file.
+        path: PathBuf,
+        /// What is in the way.
+        cause: MapError,
+    },
 }

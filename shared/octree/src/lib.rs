@@ -32,10 +32,13 @@
 //! is an addition; see [`SensorModel`].
 
 mod apply;
+mod binary;
 mod bricks;
+mod build;
 mod cast;
 mod changes;
 mod coarse;
+mod count;
 mod decoded;
 mod directory;
 mod error;
@@ -52,6 +55,7 @@ mod numbers;
 mod palette;
 mod planes;
 mod rays;
+mod read;
 mod region;
 mod scan;
 mod sensor;
@@ -66,7 +70,7 @@ mod window;
 
 pub use cast::RayCast;
 pub use changes::Changes;
-pub use error::{MapError, Rejected};
+pub use error::{MapError, ReadError, Rejected};
 pub use evac_formats::octomap::OcTreeFile;
 pub use key::{Key, KeySpace};
 pub use leaves::Leaf;

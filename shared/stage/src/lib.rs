@@ -16,6 +16,8 @@
 mod check;
 mod device;
 mod exit;
+mod follow;
+mod gate;
 mod health;
 mod input;
 pub mod joins;
@@ -24,6 +26,7 @@ mod options;
 mod output;
 mod pace;
 mod run_device;
+mod role;
 mod run_source;
 mod run_stage;
 mod source;
@@ -34,11 +37,15 @@ pub use check::check_range;
 pub use device::Device;
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
+pub use follow::{Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
-pub use output::{GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, ScanOutput, StageOutput};
+pub use output::{
+    GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, RawScanOutput, ScanOutput, StageOutput,
+    TruthOutput,
+};
 pub use run_device::{device_main, run_device};
 pub use run_source::{run_source, source_main};
 pub use run_stage::{run_stage, stage_main};

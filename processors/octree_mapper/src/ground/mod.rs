@@ -69,6 +69,11 @@ impl GroundFilter {
         &self.ground
     }
 
+    /// Whether what is remembered of earlier scans is all that ever will be: as if all scans had been seen.
+    pub fn is_warm(&self) -> bool {
+        self.known.len() >= MEMORY || !self.config.enabled
+    }
+
     fn find_patches(&mut self, points: &[[f32; 3]], sensor: [f64; 3]) {
         self.ground.clear();
         self.ground.resize(points.len(), false);

@@ -134,6 +134,15 @@ pub struct UtcTime {
 }
 
 impl UtcTime {
+    /// A time since 1970 in nanoseconds, to whole microseconds; years before 2000 and after 2255 are cut to the byte that holds them.
+    pub fn of_nanoseconds(utc_ns: i64) -> Self {
+        let seconds = utc_ns.div_euclid(1_000_000_000);
+        let (year, month, day, hour, minute, second) = crate::utc::civil(seconds);
+        let whole = (u32::from(minute) * 60 + u32::from(second)) * 1_000_000;
+        let microseconds = whole + (utc_ns.rem_euclid(1_000_000_000) / 1000) as u32;
+        Self { year: (year - 2000) as u8, month, day, hour, microseconds }
+    }
+
     /// As on the wire, in commands and in the stamps of data.
     pub fn from_bytes([year, month, day, hour, microseconds @ ..]: [u8; 8]) -> Self {
         Self { year, month, day, hour, microseconds: u32::from_le_bytes(microseconds) }

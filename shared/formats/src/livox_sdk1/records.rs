@@ -57,6 +57,7 @@ impl<'a> Datagram<'a> {
     }
 
     /// Point `index`; the echoes of one shot follow each other, so its shot is `index / echoes`.
+    #[inline]
     pub fn point(&self, index: usize) -> Option<LivoxPoint> {
         let echoes = self.header.data_type.echoes();
         let (shot, echo) = (index.checked_div(echoes)?, index.checked_rem(echoes)?);
@@ -81,6 +82,7 @@ impl<'a> Datagram<'a> {
         imu(self.record(index)?)
     }
 
+    #[inline]
     fn record(&self, index: usize) -> Option<&'a [u8]> {
         let size = self.header.data_type.record_bytes();
         let start = index.checked_mul(size)?;
@@ -98,6 +100,7 @@ pub(crate) fn imu(record: &[u8]) -> Option<ImuRecord> {
     Some(ImuRecord { gyro: [gx, gy, gz], accel_g: [ax, ay, az] })
 }
 
+#[inline]
 fn cartesian(bytes: &[u8]) -> Option<LivoxPoint> {
     let [x0, x1, x2, x3, y0, y1, y2, y3, z0, z1, z2, z3, reflectivity] = *bytes.first_chunk()?;
     let metres = |bytes| (f64::from(i32::from_le_bytes(bytes)) * 1e-3) as f32;
@@ -106,6 +109,7 @@ fn cartesian(bytes: &[u8]) -> Option<LivoxPoint> {
 }
 
 /// 14 bytes: x, y, z, reflectivity and tag.
+#[inline]
 pub(crate) fn extended_cartesian(bytes: &[u8]) -> Option<LivoxPoint> {
     Some(LivoxPoint { tag: *bytes.get(13)?, ..cartesian(bytes)? })
 }

@@ -63,6 +63,7 @@ impl<'a> Datagram<'a> {
     }
 
     /// Point `index`; the echoes of one shot follow each other, so its shot is `index / echoes`.
+    #[inline]
     pub fn point(&self, index: usize) -> Option<LivoxPoint> {
         // An echo of two is a record of half the size.
         let size = self.header.data_type.record_bytes().checked_div(self.header.data_type.echoes())?;

@@ -52,6 +52,13 @@ impl Store {
         changed
     }
 
+    /// The value that all voxels have; `None` where one is unknown or they differ.
+    #[cold]
+    pub(super) fn common_float(&self, at: u32) -> Option<f32> {
+        let first = self.float(at, 0);
+        (1..mask::BRICK_VOXELS).all(|voxel| self.float(at, voxel) == first).then_some(first)
+    }
+
     pub(super) fn float(&self, at: u32, voxel: usize) -> f32 {
         let word = self.units.run(at, FLOATS)[voxel / 16][voxel / 2 % 8];
         f32::from_bits((word >> (32 * (voxel % 2))) as u32)

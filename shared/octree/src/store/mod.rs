@@ -2,6 +2,7 @@
 
 mod floats;
 mod forms;
+mod shape;
 mod update;
 mod within;
 mod write;
@@ -117,6 +118,7 @@ impl Store {
     pub(crate) fn uniform(&self, index: u32, palette: &Palette) -> Option<f32> {
         match self.slots[index as usize].form {
             Form::Uniform(state) if state != UNKNOWN => Some(palette.value(state)),
+            Form::Floats(at) => self.common_float(at),
             _ => None,
         }
     }
@@ -128,12 +130,23 @@ impl Store {
     }
 
     /// Finds out where occupied voxels are.
-    pub(crate) fn find_occupied(&mut self, index: u32, palette: &Palette) {
+    fn find_occupied(&mut self, index: u32, palette: &Palette) {
         let mut words = 0;
         self.for_each_value(index, palette, |word, _, value| {
             words |= u8::from(palette.occupies(value)) << word
         });
         self.slots[index as usize].occupied = words;
+    }
+
+    /// Whether any voxel has a value.
+    #[inline]
+    pub(crate) fn is_known(&self, index: u32) -> bool {
+        match self.slots[index as usize].form {
+            Form::Uniform(state) => state != UNKNOWN,
+            // Planes whose voxels are all equal have become uniform.
+            Form::Planes { .. } => true,
+            Form::Floats(_) => !mask::is_empty(&self.known(index)),
+        }
     }
 
     /// The voxels with a value.

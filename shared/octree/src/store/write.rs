@@ -1,6 +1,7 @@
 //! Voxels of a brick set from outside.
 
 use super::{ALL, FEW, Form, Store, run_length};
+use crate::build::Groups;
 use crate::mask::{self, Mask, WORDS};
 use crate::numbers::{MAX_ENTRIES, set_state, state_of};
 use crate::palette::{Palette, State, UNKNOWN};
@@ -74,58 +75,39 @@ impl Store {
         }
     }
 
-    /// Gives a new brick all its voxels at once; unknown ones are [`UNKNOWN`].
-    pub(crate) fn fill(&mut self, index: u32, states_of_brick: &[State; mask::BRICK_VOXELS]) {
-        let (mut table, mut entries) = ([UNKNOWN; MAX_ENTRIES], 1);
-        let mut masks = [[0; WORDS]; MAX_ENTRIES];
-        let mut last = 0;
-        for (word, states) in states_of_brick.as_chunks::<64>().0.iter().enumerate() {
-            for (bit, &state) in states.iter().enumerate() {
-                if state != table[last] {
-                    last = match table[..entries].iter().position(|entry| *entry == state) {
-                        Some(number) => number,
-                        None if entries < MAX_ENTRIES => {
-                            table[entries] = state;
-                            entries += 1;
-                            entries - 1
-                        }
-                        None => return self.fill_with_states(index, states_of_brick),
-                    };
-                }
-                masks[last][word] |= 1 << bit;
-            }
+    /// Gives a new brick all its voxels at once; `false`, and nothing done, where the palette has no numbers left.
+    pub(crate) fn fill(&mut self, index: u32, groups: &Groups, palette: &mut Palette) -> bool {
+        // Numbers are states where those are few, or too many for a table.
+        let numbers = groups.iter().len() + 1;
+        let (mut few, mut states) = (true, [UNKNOWN; mask::BRICK_VOXELS]);
+        for ((value, _), state) in groups.iter().zip(&mut states) {
+            let Some(known) = palette.state(value) else { return false };
+            *state = known;
+            few &= usize::from(known) < 1 << FEW;
         }
-        let few = table[..entries].iter().all(|state| usize::from(*state) < 1 << FEW);
-        let mut planes = [[0; WORDS]; ALL];
-        for number in 1..entries {
-            let mut bits = if few { usize::from(table[number]) } else { number };
-            while bits != 0 {
-                let plane = &mut planes[bits.trailing_zeros() as usize];
-                plane.iter_mut().zip(&masks[number]).for_each(|(word, voxels)| *word |= voxels);
-                bits &= bits - 1;
-            }
-        }
-        let bits = if few { FEW } else { entries.next_power_of_two().trailing_zeros().max(3) as usize };
-        let entries = if few { 0 } else { entries as u8 };
+        let (bits, entries) = match numbers {
+            _ if few => (FEW, 0),
+            ..=MAX_ENTRIES => (numbers.next_power_of_two().trailing_zeros().max(3) as usize, numbers as u8),
+            _ => (ALL, 0),
+        };
         let at = self.units.add(run_length(bits as u8, entries));
-        let (brick, behind) = self.units.run_mut(at, run_length(bits as u8, entries)).split_at_mut(bits);
-        brick.copy_from_slice(&planes[..bits]);
-        for (number, state) in table[..usize::from(entries)].iter().enumerate() {
-            set_state(behind, number, *state);
+        let (brick, table) = self.units.run_mut(at, run_length(bits as u8, entries)).split_at_mut(bits);
+        brick.fill([0; WORDS]);
+        set_state(table, 0, UNKNOWN);
+        let mut occupied = 0;
+        for (n, ((value, voxels), state)) in groups.iter().zip(states).enumerate() {
+            set_state(table, n + 1, state);
+            let mut left = if entries > 0 { n + 1 } else { usize::from(state) };
+            while left != 0 {
+                let plane = &mut brick[left.trailing_zeros() as usize];
+                plane.iter_mut().zip(voxels).for_each(|(word, voxels)| *word |= voxels);
+                left &= left - 1;
+            }
+            occupied |= if palette.occupies(value) { mask::words(voxels) } else { 0 };
         }
         self.set_form(index, Form::Planes { planes: bits as u8, entries, at });
+        self.slots[index as usize].occupied = occupied;
         self.collapse(index);
-    }
-
-    pub(super) fn fill_with_states(&mut self, index: u32, states: &[State; mask::BRICK_VOXELS]) {
-        let at = self.units.add(ALL);
-        let brick = self.units.run_mut(at, ALL);
-        brick.fill([0; WORDS]);
-        for (voxel, &state) in states.iter().enumerate() {
-            for (n, plane) in brick.iter_mut().enumerate() {
-                plane[voxel / 64] |= u64::from(state >> n & 1) << (voxel % 64);
-            }
-        }
-        self.set_form(index, Form::Planes { planes: ALL as u8, entries: 0, at });
+        true
     }
 }
