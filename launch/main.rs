@@ -16,6 +16,7 @@ mod health_board;
 mod live;
 mod progress;
 mod registry;
+mod restart;
 mod slot;
 mod status;
 mod summary;
