@@ -52,6 +52,11 @@ pub(crate) enum Command {
     Status(StatusArgs),
     /// Check a pipeline file without starting anything
     Check(CheckArgs),
+    /// Find what would stop or spoil a run on this machine, and say what to do
+    ///
+    /// Shared memory, clocks, processor, serial ports, socket buffers, and the devices of a pipeline file. Code 4 where
+    /// something would stop a run.
+    Doctor(crate::doctor::DoctorArgs),
     /// Run one stage in this process
     #[command(
         after_help = "Kinds: simulator, replay, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver, recorder"
