@@ -77,7 +77,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
 pub(crate) fn keys_of(recording: &RecordingArgs) -> Result<Vec<(&'static str, Value)>, LaunchError> {
     let mut keys = vec![("allow_truncated", Value::from(recording.allow_truncated))];
     match (&recording.bag, &recording.lidar) {
-        (Some(bag), _) => keys.push(("bag", existing(bag)?)),
+        (Some(bag), _) => keys.push(("bag", existing_bag(bag)?)),
         (None, Some(lidar)) => {
             keys.push(("lidar", existing(lidar)?));
             if let Some(imu) = &recording.imu {
@@ -190,6 +190,11 @@ fn existing(path: &PathBuf) -> Result<Value, LaunchError> {
         }
         Err(cause) => Err(LaunchError::Path(format!("{}: {cause}; check the path", path.display()))),
     }
+}
+
+/// The path of a bag, which may be a folder of files.
+fn existing_bag(path: &PathBuf) -> Result<Value, LaunchError> {
+    if path.is_dir() { path_value(path) } else { existing(path) }
 }
 
 fn path_value(path: &Path) -> Result<Value, LaunchError> {

@@ -7,9 +7,12 @@ use evac_imu::Imu;
 use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
 use evac_odometry::{Lio, Loam};
+use evac_recorder::Recorder;
 use evac_replay::Replay;
 use evac_simulator::Simulator;
-use evac_stage::joins::{DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin};
+use evac_stage::joins::{
+    DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin, TapJoin,
+};
 use evac_stage::{
     Device, RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_device, run_source,
     run_stage as run_one, start_logging,
@@ -56,6 +59,7 @@ pub(crate) fn kinds() -> [Kind; 9] {
         stage::<OctreeMapper, ScanPoseJoin>(Role::Processor),
         stage::<GridExporter, PlanJoin>(Role::Consumer),
         stage::<MapSaver, SinkJoin>(Role::Consumer),
+        stage::<Recorder, TapJoin>(Role::Consumer),
     ]
 }
 

@@ -26,9 +26,9 @@ pub struct OctreeMapper {
     map: OctreeMap,
     key_frames: KeyFrames,
     key_frame_count: u64,
-    upkeep: Upkeep,
     /// Key frames that this instance has inserted or followed.
     seen_key_frames: u64,
+    upkeep: Upkeep,
     /// Of the newest update.
     newest: Option<MapHeader>,
     outliers: RadiusOutlierFilter,
@@ -141,8 +141,8 @@ impl Stage for OctreeMapper {
             map: OctreeMap::new(map_config).map_err(|e| StageError::Config(e.to_string()))?,
             key_frames: KeyFrames::new(config.key_frames),
             key_frame_count: 0,
-            upkeep: Upkeep::default(),
             seen_key_frames: 0,
+            upkeep: Upkeep::default(),
             newest: None,
             outliers: RadiusOutlierFilter::new(config.outliers, CAPACITY),
             ground: GroundFilter::new(config.ground, CAPACITY),

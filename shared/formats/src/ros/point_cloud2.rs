@@ -1,6 +1,7 @@
 //! `sensor_msgs/PointCloud2`, whatever its fields are: each is found by name, datatype and offset.
 
-use super::wire::{Header, MessageError, Wire};
+use super::wire::{Encoding, Header, MessageError, Wire};
+use super::writer::{Stamp, Writer};
 
 /// Names under which drivers publish the time of a point.
 const TIME_NAMES: [&[u8]; 5] = [b"offset_time", b"t", b"time", b"timestamp", b"time_stamp"];
@@ -73,13 +74,13 @@ impl<'a> PointCloud2<'a> {
     ///
     /// # Errors
     /// [`MessageError`]: cut off, without coordinates, or with steps that do not fit its data.
-    pub fn parse(bytes: &'a [u8]) -> Result<Self, MessageError> {
-        let mut wire = Wire::new(bytes);
+    pub fn parse(bytes: &'a [u8], encoding: Encoding) -> Result<Self, MessageError> {
+        let mut wire = Wire::new(bytes, encoding)?;
         let header = wire.header()?;
         let (height, width) = (wire.u32()?, wire.u32()?);
         let (mut xyz, mut intensity, mut time) = ([None; 3], None, None);
         for _ in 0..wire.u32()? {
-            let name = wire.counted_bytes()?;
+            let name = wire.string()?;
             let (offset, datatype, _count) = (wire.u32()?, wire.u8()?, wire.u32()?);
             let Some(field) = Datatype::from_wire(datatype).map(|datatype| Field { offset, datatype }) else {
                 continue;
@@ -199,16 +200,71 @@ impl Field {
 }
 
 /// `sensor_msgs/PointField` datatypes 1 to 8.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Datatype {
+    /// INT8
+    I8 = 1,
+    /// UINT8
+    U8 = 2,
+    /// INT16
+    I16 = 3,
+    /// UINT16
+    U16 = 4,
+    /// INT32
+    I32 = 5,
+    /// UINT32
+    U32 = 6,
+    /// FLOAT32
+    F32 = 7,
+    /// FLOAT64
+    F64 = 8,
+}
+
+/// One `sensor_msgs/PointField` of a cloud that is written.
 #[derive(Debug, Clone, Copy)]
-enum Datatype {
-    I8,
-    U8,
-    I16,
-    U16,
-    I32,
-    U32,
-    F32,
-    F64,
+pub struct CloudField {
+    /// Name, as other programs look for it.
+    pub name: &'static str,
+    /// Bytes from the start of a point.
+    pub offset: u32,
+    /// Kind of number.
+    pub datatype: Datatype,
+}
+
+/// Appends a serialised cloud of one row and `count` points of `point_step` bytes to `out`; `fill` appends them all,
+/// little-endian.
+pub fn write_cloud(
+    out: &mut Vec<u8>,
+    encoding: Encoding,
+    header: &Stamp<'_>,
+    fields: &[CloudField],
+    point_step: u32,
+    count: u32,
+    fill: impl FnOnce(&mut Vec<u8>),
+) {
+    let mut writer = Writer::new(out, encoding);
+    writer.header(header);
+    writer.u32(1);
+    writer.u32(count);
+    writer.u32(fields.len() as u32);
+    for field in fields {
+        writer.string(field.name);
+        writer.u32(field.offset);
+        writer.u8(field.datatype as u8);
+        writer.u32(1);
+    }
+    writer.u8(0); // little-endian
+    let row = point_step.saturating_mul(count);
+    writer.u32(point_step);
+    writer.u32(row);
+    writer.u32(row);
+    let end = out.len() + row as usize;
+    fill(out);
+    debug_assert_eq!(out.len(), end);
+    // Whatever was filled in, the message is as long as it says.
+    out.resize(end, 0);
+    out.push(1); // all points are valid
 }
 
 impl Datatype {
