@@ -1,18 +1,15 @@
 //! What one map update costs the plan, over the size of the map: buildings of ever more rooms at 0.1 m, in which always the same
-//! thing changes. `cargo bench --bench plan_update -- --chart docs/plan-cost.png` draws the figures. See benches/README.md.
-#![allow(clippy::expect_used)] // defaults fit, and memory is enough
-
-mod support;
+//! thing changes. Prints medians of processor time, and draws them where a picture is named:
+//! `cargo run --release -p evac-grid-exporter --example update_cost -- docs/plan-cost.png`.
+#![allow(clippy::unwrap_used)] // defaults fit, and memory is enough
 
 use std::path::Path;
-use std::time::Instant;
 
 use evac_frames::{FrameHeader, MapHeader, PoseFrame, TrackingState, Voxel, voxel_flags};
 use evac_grid_exporter::{GridExporter, GridExporterConfig};
 use evac_picture::{LineChart, Panel, Series, Stroke, line_chart};
 use evac_stage::{Counters, GridOutput, MapMessage, PlanInput, Rig, Stage};
-
-use crate::support::{Distribution, is_trial, print_heading};
+use rustix::time::{ClockId, clock_gettime};
 
 const RESOLUTION: f64 = 0.1;
 /// Cells along a room's side: 8 m.
@@ -22,58 +19,61 @@ const SENSOR: i32 = 12;
 /// Times that a thing comes and goes.
 const ROUNDS: usize = 60;
 
-fn main() -> anyhow::Result<()> {
-    let sides: &[i32] = if is_trial() { &[1, 2] } else { &[2, 4, 8, 12, 16, 24] };
+/// Rooms along a side of the building.
+const SIDES: [i32; 5] = [2, 4, 8, 12, 16];
+/// What is timed, in the order of the columns.
+const CASES: [&str; 4] =
+    ["a person, 256 voxels", "a key frame, 14,400 voxels", "a key frame, and the message", "everything anew"];
+
+fn main() {
     let mut rows: [Vec<[f64; 2]>; 4] = Default::default();
-    print_heading("one map update in the plan");
-    for side in sides {
+    println!("median milliseconds of processor time of: {}", CASES.join("; "));
+    for side in SIDES {
         let square_metres = f64::from((side * ROOM).pow(2)) * RESOLUTION * RESOLUTION;
-        let mut building = Building::new(*side, 3600.0)?;
-        let times = [building.changes(4), building.changes(30), building.anew()];
-        let published = Building::new(*side, 0.0)?.changes(30);
-        let [small, large, anew] = times;
-        let cases = [
-            ("a person, 256 voxels", small),
-            ("a key frame, 14,400 voxels", large),
-            ("a key frame, and the message", published),
-            ("everything anew", anew),
-        ];
-        for ((name, times), row) in cases.into_iter().zip(&mut rows) {
-            if let Some(summary) = times.summary() {
-                println!("{:<34} {summary}", format!("{square_metres:>6} m², {name}"));
-                row.push([square_metres, summary.p50_us * 1e-3]);
-            }
+        let mut building = Building::new(side, 3600.0);
+        let [person, key_frame, anew] = [building.changes(4), building.changes(30), building.anew()];
+        drop(building);
+        let published = Building::new(side, 0.0).changes(30);
+        let times = [person, key_frame, published, anew];
+        println!(
+            "{square_metres:>7.0} m² {:>8.3} {:>8.3} {:>8.3} {:>8.1}",
+            times[0], times[1], times[2], times[3]
+        );
+        for (row, time) in rows.iter_mut().zip(times) {
+            row.push([square_metres, time]);
         }
     }
-    let mut arguments = std::env::args().skip_while(|argument| argument != "--chart").skip(1);
-    if let Some(path) = arguments.next() {
-        chart(Path::new(&path), rows)?;
+    if let Some(path) = std::env::args().nth(1) {
+        chart(Path::new(&path), &rows);
     }
-    Ok(())
 }
 
-fn chart(path: &Path, [small, large, published, anew]: [Vec<[f64; 2]>; 4]) -> anyhow::Result<()> {
-    let panel = |y_label: &str, series: Vec<Series>| Panel {
-        y_label: y_label.to_owned(),
+fn chart(path: &Path, rows: &[Vec<[f64; 2]>; 4]) {
+    let line = |case: usize| Series::line(CASES[case], Stroke::nth(case), rows[case].clone());
+    let panel = |cases: &[usize]| Panel {
+        y_label: "processor time (ms)".to_owned(),
         y_range: None,
         min_span: 0.0,
-        series,
+        series: cases.iter().map(|case| line(*case)).collect(),
     };
-    let updates = vec![
-        Series::line("a person, 256 voxels", Stroke::nth(0), small),
-        Series::line("a key frame, 14,400 voxels", Stroke::nth(1), large.clone()),
-        Series::line("a key frame, and the message", Stroke::nth(2).dashed(), published),
-    ];
-    let all = vec![
-        Series::line("everything anew", Stroke::nth(3), anew),
-        Series::line("a key frame, 14,400 voxels", Stroke::nth(1), large),
-    ];
     let chart = LineChart {
         title: "One map update in the plan, cells of 0.1 m".to_owned(),
         x_label: "size of the map (m²)".to_owned(),
-        panels: vec![panel("median (ms)", updates), panel("median (ms)", all)],
+        panels: vec![panel(&[0, 1, 2]), panel(&[1, 3])],
     };
-    Ok(line_chart(path, &chart)?)
+    line_chart(path, &chart).unwrap();
+}
+
+/// Processor time of this thread, seconds: a busy machine says nearly the same as an idle one.
+fn processor_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// The median, milliseconds.
+fn median(mut seconds: Vec<f64>) -> f64 {
+    seconds.sort_by(f64::total_cmp);
+    seconds[seconds.len() / 2] * 1e3
 }
 
 /// Square rooms side by side, all walked through.
@@ -86,15 +86,15 @@ struct Building {
 }
 
 impl Building {
-    fn new(side: i32, publish_interval_s: f64) -> anyhow::Result<Self> {
-        let folder = tempfile::tempdir()?;
+    fn new(side: i32, publish_interval_s: f64) -> Self {
+        let folder = tempfile::tempdir().unwrap();
         let config = GridExporterConfig {
             output_dir: folder.path().to_owned(),
             publish_interval_s,
             save_interval_s: 0.0,
             ..GridExporterConfig::default()
         };
-        let stage = GridExporter::new(config, &Rig::default())?;
+        let stage = GridExporter::new(config, &Rig::default()).unwrap();
         let mut building =
             Self { stage, output: GridOutput::default(), time_ns: 0, position: [0.0; 3], _folder: folder };
         for (row, column) in (0..side).flat_map(|row| (0..side).map(move |column| (row, column))) {
@@ -105,7 +105,7 @@ impl Building {
             building.walk_to(corner.map(|axis| f64::from(axis + ROOM / 2) * RESOLUTION));
             building.send(&voxels);
         }
-        Ok(building)
+        building
     }
 
     fn walk_to(&mut self, [x, y]: [f64; 2]) {
@@ -126,33 +126,33 @@ impl Building {
             PoseFrame { frame, position, state: TrackingState::Tracking as u32, ..PoseFrame::default() };
         let input = PlanInput { map: MapMessage { header: &header, voxels }, pose: &pose };
         self.output.memory.clear();
-        self.stage.process(input, &mut self.output, &mut Counters::default()).expect("memory is enough");
+        self.stage.process(input, &mut self.output, &mut Counters::default()).unwrap();
     }
 
     /// Something of `size` x `size` cells comes and goes in the corner of the room in which the walk has ended.
-    fn changes(&mut self, size: i32) -> Distribution {
+    fn changes(&mut self, size: i32) -> f64 {
         let [x, y, _] = self.position.map(|axis| (axis / RESOLUTION).floor() as i32 - ROOM / 2 + 5);
-        let mut times = Distribution::default();
+        let mut times = Vec::new();
         for round in 0..ROUNDS {
             let log_odds = if round % 2 == 0 { 2.0 } else { -1.0 };
             let column = |(x, y): (i32, i32)| (1..17).map(move |z| voxel([x, y, z], 0, log_odds));
             let cells = (x..x + size).flat_map(|x| (y..y + size).map(move |y| (x, y)));
             let voxels: Vec<Voxel> = cells.flat_map(column).collect();
-            let start = Instant::now();
+            let start = processor_s();
             self.send(&voxels);
-            times.record(start.elapsed().as_nanos() as i64);
+            times.push(processor_s() - start);
         }
-        times
+        median(times)
     }
 
-    fn anew(&mut self) -> Distribution {
-        let mut times = Distribution::default();
-        for _ in 0..5 {
-            let start = Instant::now();
+    fn anew(&mut self) -> f64 {
+        let mut times = Vec::new();
+        for _ in 0..3 {
+            let start = processor_s();
             self.stage.project_anew();
-            times.record(start.elapsed().as_nanos() as i64);
+            times.push(processor_s() - start);
         }
-        times
+        median(times)
     }
 }
 
