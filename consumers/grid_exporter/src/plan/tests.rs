@@ -140,7 +140,7 @@ proptest! {
             projection.update(&mut columns, &mut walk, &config);
         }
         // The rule as octomap_server states it, leaf by leaf.
-        let mut expected = vec![UNKNOWN; 144];
+        let mut expected = [UNKNOWN; 144];
         for ((x, y, z), occupied) in &voxels {
             let (centre, half) = ((f64::from(*z) + 0.5) * RESOLUTION, RESOLUTION / 2.0);
             if centre + half > low && centre - half < low + span {
