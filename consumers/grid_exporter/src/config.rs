@@ -16,7 +16,7 @@ pub struct GridExporterConfig {
     /// 255 for unknown), or `scale` (`plan_scale.png`, unknown transparent). `plan.yaml` names mode and picture.
     pub mode: Mode,
     /// Least time between two plans on `grid/plan`, seconds of sensor time; 0 publishes with each frame that changes the plan.
-    /// Projecting costs what has changed, but a message holds the whole plan: a millisecond for a million cells.
+    /// Projecting costs what has changed, but a message holds the whole plan: some five milliseconds for a million cells.
     pub publish_interval_s: f64,
     /// Seconds of sensor time between two savings of the files, 0 for the end of the stream only. A power cut loses at
     /// most this much.
