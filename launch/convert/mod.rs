@@ -3,7 +3,8 @@
 mod cli;
 pub(crate) mod flat_map;
 pub(crate) mod output;
-mod source;
+pub(crate) mod source;
+mod tiles;
 
 use std::time::Instant;
 
