@@ -48,7 +48,7 @@ pub(crate) struct Kind {
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 9] {
+pub(crate) fn kinds() -> [Kind; 10] {
     [
         source::<Simulator>(),
         source::<Replay>(),
