@@ -15,6 +15,7 @@ pub mod ply;
 pub mod rgb_image;
 pub mod ros;
 pub mod rosbag;
+mod sqlite;
 pub mod tum;
 mod utc;
 pub mod wt901c;
