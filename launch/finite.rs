@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 
 use evac_config::{Mode, Pipeline, Rig, RigFile};
 use evac_formats::write_atomically;
-use evac_ports::{Domain, wait_on};
+use evac_ports::Domain;
 use evac_stage::start_logging;
 use toml::Value;
 
 use crate::check::check;
-use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, RecordingArgs, World};
+use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, RecordingArgs};
 use crate::error::LaunchError;
 use crate::progress::Bar;
 use crate::registry::ODOMETRIES;
@@ -29,21 +29,10 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         pipeline.mode = Mode::Live;
     }
     choose(&mut pipeline, &args.odometry);
-    let world = match args.world {
-        World::Corridor => "corridor",
-        World::Hall => "hall",
-        World::Stairwell => "stairwell",
-        World::FloorPlan => "floor_plan",
-        World::Rough => "rough",
-        World::Tunnel => "tunnel",
-        World::Plant => "plant",
-        World::Office => "office",
-        World::Atrium => "atrium",
-        World::OpenHall => "open_hall",
-        World::Ramp => "ramp",
-        World::Shaft => "shaft",
-    };
-    set(&mut pipeline, "simulator", "world", Value::from(world));
+    let world = Value::try_from(args.world)
+        .map_err(|cause| LaunchError::Path(format!("--world {:?}: {cause}", args.world)))?;
+    let about = format!("simulated {}, seed {}", world.as_str().unwrap_or_default(), args.seed);
+    set(&mut pipeline, "simulator", "world", world);
     for (key, value) in [("seed", args.seed), ("building", args.building)] {
         let number = i64::try_from(value).map_err(|_| {
             LaunchError::Path(format!("--{key} {value} is too large; use at most {}", i64::MAX))
@@ -57,12 +46,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         create_folder(folder)?;
         set(&mut pipeline, "simulator", "record", path_value(folder)?);
     }
-    let run = Run {
-        command: "demo",
-        output: &args.output,
-        truth: None,
-        about: format!("simulated {world}, seed {}", args.seed),
-    };
+    let run = Run { command: "demo", output: &args.output, truth: None, about };
     run_to_the_end(pipeline, &Domain::new(&args.domain)?, args.resolution, &args.log, &run)
 }
 
@@ -143,10 +127,10 @@ fn run_to_the_end(
     write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
 
     let started = Instant::now();
-    let (mut supervisor, listeners) = Supervisor::start(&pipeline, &file, domain, log)?;
+    let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, domain, log)?;
     let bar = Bar::new(&run.about);
     let mut frames = 0;
-    let ended = wait_on(&listeners, |_| match step(&mut supervisor, &bar, &mut frames) {
+    let ended = wakeups.wait(|_| match step(&mut supervisor, &bar, &mut frames) {
         Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
         Ok(Progress::Running) => ControlFlow::Continue(Duration::from_millis(100)),
         Ok(Progress::Finished) => ControlFlow::Break(Ok(())),

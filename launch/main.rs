@@ -2,7 +2,9 @@
 
 mod calibrate;
 mod check;
+mod child;
 mod cli;
+mod control;
 mod convert;
 mod drift;
 mod error;
@@ -13,9 +15,11 @@ mod health_board;
 mod live;
 mod progress;
 mod registry;
+mod slot;
 mod status;
 mod summary;
 mod supervisor;
+mod swap;
 
 use std::process::ExitCode;
 
@@ -45,6 +49,8 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Calibrate(args) => calibrate::calibrate(&args),
         Command::Up(args) => live::up(&args),
         Command::Down(args) => live::down(&args),
+        Command::Swap(args) => control::swap(&args),
+        Command::Standby(args) => control::standby(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
         Command::Stage(args) => registry::run_stage(&args),

@@ -3,6 +3,7 @@
 use evac_config::StageEntry;
 use evac_deskewer::Deskewer;
 use evac_grid_exporter::GridExporter;
+use evac_imu::Imu;
 use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
 use evac_odometry::{Lio, Loam};
@@ -13,8 +14,8 @@ use evac_stage::joins::{
     DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin, TapJoin,
 };
 use evac_stage::{
-    RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_source, run_stage as run_one,
-    start_logging,
+    Device, RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_device, run_source,
+    run_stage as run_one, start_logging,
 };
 
 use crate::cli::StageArgs;
@@ -47,10 +48,11 @@ pub(crate) struct Kind {
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 9] {
+pub(crate) fn kinds() -> [Kind; 10] {
     [
         source::<Simulator>(),
         source::<Replay>(),
+        device::<Imu>(),
         stage::<Deskewer, RawScanWithImu>(Role::Processor),
         stage::<Lio, DeskewedScanWithImu>(Role::Processor),
         stage::<Loam, DeskewedScanWithImu>(Role::Processor),
@@ -84,7 +86,6 @@ fn stage<S, J>(role: Role) -> Kind
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-    S::Output: StageOutput,
 {
     Kind {
         name: S::NAME,
@@ -104,6 +105,17 @@ fn source<S: Source>() -> Kind {
         writes: &["lidar/scan", "imu/sample", "truth/pose"],
         check: check::<S::Config>,
         run: run_source::<S>,
+    }
+}
+
+fn device<D: Device>() -> Kind {
+    Kind {
+        name: D::NAME,
+        role: Role::Producer,
+        reads: &[],
+        writes: D::Output::SERVICES,
+        check: check::<D::Config>,
+        run: run_device::<D>,
     }
 }
 

@@ -9,7 +9,7 @@ use serde_json::Value;
 /// Own crates that each group of crates may depend on (not counting dev-dependencies).
 fn allowed(name: &str) -> &'static [&'static str] {
     match name {
-        "evac-frames" | "evac-testkit" => &[],
+        "evac-frames" | "evac-clock" | "evac-testkit" => &[],
         "evac-geometry" => &["evac-frames"],
         "evac-formats" => &["evac-geometry"],
         "evac-evaluation" => &["evac-geometry", "evac-formats"],
@@ -23,6 +23,7 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-simulator" | "evac-replay" | "evac-map-saver" | "evac-recorder" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-stage"]
         }
+        "evac-imu" => &["evac-clock", "evac-formats", "evac-frames", "evac-geometry", "evac-stage"],
         "evac-experiments" => &[
             "evac-config",
             "evac-deskewer",

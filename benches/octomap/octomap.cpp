@@ -1,9 +1,10 @@
 // Inserts scans with OctoMap's library and says what it cost. The Rust side (src/main.rs) writes the scans, starts this
 // and compares the files.
 //
-// octomap SCANS RESOLUTION MAX_RANGE MODE FOLDER CHECKPOINT...
+// octomap SCANS RESOLUTION MAX_RANGE MODE QUERIES FOLDER CHECKPOINT...
 //   SCANS: per scan origin (3 f32), number of points (u32), points (3 f32 each), little endian
 //   MODE: exact | discretized (lazy and discretize, as octomap_server has it)
+//   QUERIES: queries | none, on the last map
 // Prints one line `key value` a figure; times are processor times in milliseconds. FOLDER gets N.ot after N scans.
 
 #include <malloc.h>
@@ -159,15 +160,16 @@ void queries(octomap::OcTree& tree, const octomap::point3d& at, double max_range
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 7) {
-    std::fprintf(stderr, "usage: octomap SCANS RESOLUTION MAX_RANGE exact|discretized FOLDER CHECKPOINT...\n");
+  if (argc < 8) {
+    std::fprintf(stderr, "usage: octomap SCANS RESOLUTION MAX_RANGE exact|discretized queries|none FOLDER CHECKPOINT...\n");
     return 2;
   }
   const double resolution = std::atof(argv[2]), max_range = std::atof(argv[3]);
   const bool discretized = std::string(argv[4]) == "discretized";
-  const std::string folder = argv[5];
+  const bool ask = std::string(argv[5]) == "queries";
+  const std::string folder = argv[6];
   std::vector<int> checkpoints;
-  for (int i = 6; i < argc; ++i) checkpoints.push_back(std::atoi(argv[i]));
+  for (int i = 7; i < argc; ++i) checkpoints.push_back(std::atoi(argv[i]));
 
   std::ifstream file(argv[1], std::ios::binary);
   octomap::OcTree tree(resolution);
@@ -191,7 +193,7 @@ int main(int argc, char** argv) {
     tree.write(folder + "/" + std::to_string(count) + ".ot");
     std::printf("heap_bytes %zu\nmemory_usage %zu\nnodes %zu\n", tree_heap, tree.memoryUsage(), tree.size());
     ++next;
-    if (next == checkpoints.size() && !discretized) queries(tree, scan.origin, max_range, folder);
+    if (next == checkpoints.size() && ask) queries(tree, scan.origin, max_range, folder);
     std::fflush(stdout);
   }
   return next == checkpoints.size() ? 0 : 1;

@@ -112,7 +112,7 @@ pub(crate) fn compare(
     read?;
     rows.push(Row { what: "read .bt", ours: read_ms, theirs: "read_bt_ms", same: None });
 
-    let mut merged = OctreeMap::from_tree(&tree, *map.sensor(), u32::MAX)?;
+    let mut merged = OctreeMap::from_tree(&tree, *map.sensor(), 4 << 30)?;
     let (report, merge_ms) = timed_value(|| merged.merge(map));
     report?;
     let same = file("merged.ot", &ot_bytes(&merged.to_tree(Pruning::Full)))?;
@@ -131,7 +131,7 @@ pub(crate) fn compare(
 
 fn read_map(bytes: &[u8], like: &OctreeMap) -> anyhow::Result<OctreeMap> {
     let tree = read_bytes(bytes, Path::new("map"), &BinaryValues::default())?;
-    OctreeMap::from_tree(&tree, *like.sensor(), u32::MAX).context("the file's map is too large")
+    OctreeMap::from_tree(&tree, *like.sensor(), 4 << 30).context("the file's map is too large")
 }
 
 fn timed(work: impl FnOnce()) -> f64 {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use evac_formats::occupancy_grid;
 use evac_stage::{StageConfig, check_range};
 use serde::{Deserialize, Serialize};
 
@@ -9,10 +10,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GridExporterConfig {
-    /// Folder for `plan.pgm`, `plan.yaml` and `plan.png`; it is created.
+    /// Folder for `plan.pgm`, `plan.yaml`, `plan.png` and what else there is, see the crate; it is created.
     pub output_dir: PathBuf,
-    /// Seconds of sensor time between two plans on `grid/plan`. Each costs a projection of the whole map, tens of
-    /// milliseconds for a large building.
+    /// How cells become grey, as in nav2: `trinary` (PGM: black, white, grey for unknown), `raw` (PGM of the values 0, 100 and
+    /// 255 for unknown), or `scale` (`plan_scale.png`, unknown transparent). `plan.yaml` names mode and picture.
+    pub mode: Mode,
+    /// Least time between two plans on `grid/plan`, seconds of sensor time; 0 publishes with each frame that changes the plan.
+    /// Projecting costs what has changed, but a message holds the whole plan: a millisecond for a million cells.
     pub publish_interval_s: f64,
     /// Seconds of sensor time between two savings of the files, 0 for the end of the stream only. A power cut loses at
     /// most this much.
@@ -51,11 +55,35 @@ pub struct GridExporterConfig {
     pub max_memory_mib: u32,
 }
 
+/// How cells become grey; see nav2's `map_saver` and `map_server`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// Black, white, and grey for unknown.
+    #[default]
+    Trinary,
+    /// Shades of grey, transparent for unknown.
+    Scale,
+    /// The values themselves.
+    Raw,
+}
+
+impl From<Mode> for occupancy_grid::Mode {
+    fn from(mode: Mode) -> Self {
+        match mode {
+            Mode::Trinary => Self::Trinary,
+            Mode::Scale => Self::Scale,
+            Mode::Raw => Self::Raw,
+        }
+    }
+}
+
 impl Default for GridExporterConfig {
     fn default() -> Self {
         Self {
             output_dir: PathBuf::from("evac-out"),
-            publish_interval_s: 1.0,
+            mode: Mode::Trinary,
+            publish_interval_s: 0.0,
             save_interval_s: 10.0,
             band_m: [0.2, 1.8],
             min_occupied_voxels: 2,
@@ -78,9 +106,9 @@ impl StageConfig for GridExporterConfig {
         check_range(
             "publish_interval_s",
             self.publish_interval_s,
-            0.01,
+            0.0,
             3600.0,
-            "1.0 publishes each second",
+            "0 publishes each change, 1.0 at most once a second",
         )?;
         check_range("save_interval_s", self.save_interval_s, 0.0, 86_400.0, "0 saves at the end only")?;
         check_range("band_m[0]", low, 0.0, 5.0, "0.2 lies above the noise of the ground")?;

@@ -96,7 +96,7 @@ impl MapSaver {
         let header = input.map.header;
         let map = match &mut self.map {
             Some(map) if header.map_flags & map_flags::SNAPSHOT == 0 => map,
-            other => other.insert(new_map(header, self.sensor, self.config.max_bricks)?),
+            other => other.insert(new_map(header, self.sensor, self.config.max_map_mib)?),
         };
         if map.space().resolution() != header.resolution {
             // Updates of another resolution belong to a map whose beginning is not known here.
@@ -174,8 +174,9 @@ impl MapSaver {
     }
 }
 
-fn new_map(header: &MapHeader, sensor: SensorModel, max_bricks: u32) -> Result<OctreeMap, StageError> {
-    let config = MapConfig { sensor, max_bricks, ..MapConfig::new(header.resolution) };
+fn new_map(header: &MapHeader, sensor: SensorModel, max_map_mib: f64) -> Result<OctreeMap, StageError> {
+    let max_bytes = (max_map_mib * f64::from(1 << 20)) as usize;
+    let config = MapConfig { sensor, max_bytes, ..MapConfig::new(header.resolution) };
     OctreeMap::new(config).map_err(|cause: MapError| StageError::Config(format!("map/update: {cause}")))
 }
 

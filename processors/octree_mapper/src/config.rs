@@ -16,9 +16,9 @@ pub struct OctreeMapperConfig {
     /// Farthest place that a hit may occupy, metres; the ray of a farther point only clears up to here. 30: beyond it
     /// neighbouring points of one Mid-40 frame lie about two voxels apart, and a heading error of 0.2 degrees is a voxel.
     pub max_range_m: f64,
-    /// Most bricks of 8 x 8 x 8 voxels. 262,144: at 0.1 m a station of 150 m x 75 m x 12 m seen whole, in about 0.1 GB. Scans
-    /// of which a part does not fit count as degraded.
-    pub max_bricks: u32,
+    /// Memory of the map, MiB. 256: at 0.1 m a station of 300 m x 150 m x 12 m seen whole. From seven eighths on no new place
+    /// is taken in, what is in the map keeps being updated, and scans of which a part does not fit count as degraded.
+    pub max_map_mib: f64,
     /// Whether scans of an odometry that is still initialising go into the map. Off: their pose is the identity, which
     /// misses the tilt of the mount until gravity is known, and the walker stands still so that nothing is lost.
     pub map_while_initialising: bool,
@@ -39,7 +39,7 @@ impl Default for OctreeMapperConfig {
         Self {
             resolution_m: 0.1,
             max_range_m: 30.0,
-            max_bricks: 262_144,
+            max_map_mib: 256.0,
             map_while_initialising: false,
             occupancy: OccupancyConfig::default(),
             key_frames: KeyFrameConfig::default(),
@@ -58,7 +58,8 @@ impl OctreeMapperConfig {
     pub fn map_config(&self) -> Result<MapConfig, String> {
         let sensor =
             SensorModel::from_probabilities(&self.occupancy.probabilities()).map_err(|e| e.to_string())?;
-        Ok(MapConfig { sensor, max_bricks: self.max_bricks, ..MapConfig::new(self.resolution_m) })
+        let max_bytes = (self.max_map_mib * f64::from(1 << 20)) as usize;
+        Ok(MapConfig { sensor, max_bytes, ..MapConfig::new(self.resolution_m) })
     }
 }
 
@@ -66,9 +67,7 @@ impl StageConfig for OctreeMapperConfig {
     fn check(&self) -> Result<(), String> {
         check_range("resolution_m", self.resolution_m, 0.01, 10.0, "0.05 to 0.4 m suit buildings")?;
         check_range("max_range_m", self.max_range_m, 1.0, 500.0, "30 m suits a Mid-40 indoors")?;
-        if self.max_bricks == 0 {
-            return Err("max_bricks = 0 leaves no room for a map; give at least 1, for example 262144".into());
-        }
+        check_range("max_map_mib", self.max_map_mib, 0.0625, 65_536.0, "256 MiB suit a station at 0.1 m")?;
         self.map_config()?;
         self.key_frames.check()?;
         self.outliers.check()?;
@@ -178,7 +177,7 @@ mod tests {
         let cases = [
             ("resolution_m = 0.0", "resolution_m = 0"),
             ("resolution_m = nan", "resolution_m = NaN"),
-            ("max_bricks = 0", "max_bricks = 0"),
+            ("max_map_mib = 0", "max_map_mib = 0"),
             ("[bounds]\nz_m = [2.0, 1.0]", "bounds.z_m = [2, 1]"),
             ("[bounds]\nmin_range_m = 5.0\nmax_range_m = 4.0", "bounds.min_range_m = 5"),
             ("[ground]\nmin_points = 2", "ground.min_points = 2"),

@@ -13,7 +13,10 @@ mod outliers;
 #[cfg(test)]
 mod synthetic;
 
-pub use cloud::{CloudMap, map_of_cloud, remove_ground};
+pub use cloud::{
+    CloudFilter, CloudFilterConfig, CloudFilterError, CloudMap, CloudOutlierConfig, CloudSource, Removed,
+    Verdict, map_of_cloud,
+};
 pub use config::{KeyFrameConfig, OccupancyConfig, OctreeMapperConfig};
 pub use filter_config::{BoundsConfig, GroundConfig, OutlierConfig};
 pub use ground::GroundFilter;

@@ -118,6 +118,7 @@ impl OctreeMap {
         self.scan = self.scan.wrapping_add(1);
         self.revision = self.revision.wrapping_add(1);
         self.work.iter_mut().for_each(|work| work.bricks.clear());
+        self.bricks.plan();
         let (bricks, work) = (&mut self.bricks, &mut self.work);
         let mut near = Near::default();
         self.marked.retain_mut(|marked| {

@@ -83,6 +83,19 @@ impl Palette {
         }
     }
 
+    /// Whether a voxel of this value is occupied.
+    #[inline]
+    pub(crate) fn occupies(&self, value: f32) -> bool {
+        self.sensor.is_occupied(value)
+    }
+
+    /// Whether a voxel that was not occupied may be after a ray has passed it: an unknown one of a model that takes what
+    /// is below a half for occupied.
+    #[inline]
+    pub(crate) fn a_miss_may_occupy(&self) -> bool {
+        self.occupies(self.sensor.missed(0.0))
+    }
+
     /// Computes what follows a state; `false` where its value has no number any more.
     #[cold]
     pub(crate) fn compute(&mut self, state: State, update: Update) -> bool {

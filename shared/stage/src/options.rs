@@ -23,6 +23,9 @@ pub struct RunOptions {
     /// Number of this instance, written into every frame
     #[arg(long, default_value_t = 0)]
     pub epoch: u32,
+    /// Follow the routed instance without publishing, until the launcher routes this one
+    #[arg(long)]
+    pub standby: bool,
     /// Print the configuration that would be used, with every default, and end
     #[arg(long)]
     pub print_config: bool,

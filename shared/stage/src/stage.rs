@@ -2,7 +2,8 @@
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::Rig;
+use crate::follow::{Readiness, Routed};
+use crate::{Rig, StageOutput};
 
 /// A stage: a pure function of its inputs and its own state. It sees plain slices, never shared memory, clocks or files
 /// (sinks excepted, whose work is files).
@@ -14,7 +15,7 @@ pub trait Stage: Sized {
     /// What `process` is called with; see the types in [`crate::input`](crate).
     type Input<'a>;
     /// What `process` writes to.
-    type Output;
+    type Output: StageOutput;
 
     /// Builds the stage; allocates everything it will need.
     ///
@@ -41,6 +42,29 @@ pub trait Stage: Sized {
         output: &mut Self::Output,
         counters: &mut Counters,
     ) -> Result<(), StageError>;
+
+    /// A standby's frame: what `process` would be called with and, where it came, what the routed instance put out for it. Comes
+    /// to the same state as if it had put that out itself, and says whether it could take over with the next frame.
+    ///
+    /// The default is that of a stage without memory.
+    ///
+    /// # Errors
+    /// As `process`.
+    fn follow(
+        &mut self,
+        _input: Self::Input<'_>,
+        _routed: Option<Routed<'_, Self::Output>>,
+    ) -> Result<Readiness, StageError> {
+        Ok(Readiness::Ready)
+    }
+
+    /// What the routed instance put out that no input of this standby belongs to, such as the map's snapshot.
+    ///
+    /// # Errors
+    /// As `process`.
+    fn adopt(&mut self, _routed: Routed<'_, Self::Output>) -> Result<(), StageError> {
+        Ok(())
+    }
 
     /// Answers requests of other stages. Called after every frame and, while none comes, at least once a second, also after
     /// the last one. Where nothing is asked for it neither allocates nor locks.

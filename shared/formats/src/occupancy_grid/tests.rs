@@ -129,6 +129,19 @@ fn a_grid_whose_cells_do_not_fit_its_size_is_not_written() {
 
 proptest! {
     #[test]
+    fn every_value_comes_back_in_raw_and_in_scale_mode(
+        cells in proptest::collection::vec(-1i8..=100, 12),
+    ) {
+        let grid = OccupancyGrid { width: 4, height: 3, cells, ..small() };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("plan.yaml");
+        for mode in [Mode::Raw, Mode::Scale] {
+            write_as(&path, &grid, mode, &["a comment"]).unwrap();
+            prop_assert_eq!(&read(&path).unwrap(), &grid, "{:?}", mode);
+        }
+    }
+
+    #[test]
     fn every_trinary_grid_comes_back(
         width in 1u32..20,
         height in 1u32..20,

@@ -2,7 +2,8 @@
 //!
 //! A join keeps scans by borrowing them from shared memory; no cloud is copied.
 
-mod map;
+pub(crate) mod gated;
+pub(crate) mod map;
 mod plan;
 mod scan_imu;
 mod scan_pose;
@@ -10,7 +11,7 @@ mod seq;
 mod sink;
 mod tap;
 
-use evac_frames::FrameHeader;
+use evac_frames::{FrameHeader, Route};
 use evac_ports::{Bus, Listener, PortError};
 
 pub use plan::PlanJoin;
@@ -56,6 +57,15 @@ pub trait Join: Sized {
     /// # Errors
     /// [`PortError`].
     fn open(bus: &Bus, options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError>;
+
+    /// Takes the launcher's word on which instance of a stage is listened to.
+    fn route(&mut self, route: &Route);
+
+    /// From frame `seq` on sets are held back; without a limit at first.
+    fn limit(&mut self, seq: u64);
+
+    /// Number of the first set that is not handed on yet, whole or not.
+    fn front(&self) -> Option<u64>;
 
     /// Takes everything that has come.
     ///

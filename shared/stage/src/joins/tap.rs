@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evac_frames::{FrameHeader, Health, ImuSample, frame_flags};
+use evac_frames::{FrameHeader, Health, ImuSample, Route, frame_flags};
 use evac_ports::services::{
     FrameService, GridPlan, HealthStatus, Imu, LidarScan, MapUpdate, OdometryPose, RecordService,
     ScanDeskewed, TruthPose,
@@ -34,6 +34,8 @@ pub struct TapJoin {
     now_ns: i64,
     /// The next frame that is not done with.
     next: u64,
+    /// Nothing more is handed on: another instance has taken over.
+    closed: bool,
 }
 
 impl Join for TapJoin {
@@ -63,8 +65,20 @@ impl Join for TapJoin {
             health: RecordTap::open(bus, &mut listeners)?,
             now_ns: 0,
             next: 0,
+            closed: false,
         };
         Ok((join, listeners))
+    }
+
+    /// All instances of a stage are listened to; each frame names its own.
+    fn route(&mut self, _route: &Route) {}
+
+    fn limit(&mut self, seq: u64) {
+        self.closed = seq == 0;
+    }
+
+    fn front(&self) -> Option<u64> {
+        self.scans.queue.front().map(|scan| scan.header().frame.seq)
     }
 
     fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
@@ -83,6 +97,9 @@ impl Join for TapJoin {
         reporter: &mut Reporter,
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R> {
+        if self.closed {
+            return None;
+        }
         let times = [
             self.imu.queue.front().map(|sample| sample.stamp_ns),
             self.scans.queue.front().map(|scan| scan.header().frame.end_ns),

@@ -1,4 +1,8 @@
-//! What all point cloud formats hold in common.
+//! What all point cloud formats hold in common, and a reader for any of them.
+
+mod reader;
+
+pub use reader::{Kind, Reader};
 
 /// One point of a cloud file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -27,4 +31,18 @@ pub enum Intensity {
     Kept,
     /// Fields x, y and z.
     Dropped,
+}
+
+/// What is taken off all coordinates before they become `f32`, metres. Coordinates of a map projection (some 500,000 and
+/// 4,000,000) would otherwise keep no more than decimetres.
+pub type Origin = [f64; 3];
+
+/// One coordinate from its origin; exactly the value where the origin is 0.
+pub(crate) fn relative(value: f64, origin: f64) -> f32 {
+    (value - origin) as f32
+}
+
+/// The same of text: as `f32` straight away where the origin is 0, so that it is rounded once.
+pub(crate) fn relative_word(word: &str, origin: f64) -> Option<f32> {
+    if origin == 0.0 { word.parse().ok() } else { word.parse().ok().map(|value| relative(value, origin)) }
 }

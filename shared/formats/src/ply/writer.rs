@@ -1,4 +1,4 @@
-//! Polygon files (PLY): point clouds written as binary little endian.
+//! Point clouds as binary little endian.
 
 use std::io::{self, Write};
 use std::path::Path;
