@@ -6,6 +6,7 @@ mod child;
 mod cli;
 mod control;
 mod convert;
+mod doctor;
 mod drift;
 mod error;
 mod eval;
@@ -15,6 +16,7 @@ mod health_board;
 mod live;
 mod progress;
 mod registry;
+mod restart;
 mod slot;
 mod status;
 mod summary;
@@ -53,6 +55,7 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Standby(args) => control::standby(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
+        Command::Doctor(args) => doctor::doctor(&args),
         Command::Stage(args) => registry::run_stage(&args),
         Command::Convert(args) => convert::convert(&args),
         Command::Experiment(args) => experiment::experiment(&args),

@@ -19,6 +19,7 @@ use crate::control::Server;
 use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
 use crate::registry::Role;
+use crate::restart::Restarts;
 use crate::slot::Slot;
 use crate::swap::Operation;
 
@@ -39,6 +40,8 @@ pub(crate) struct Supervisor {
     pub(crate) board: HealthBoard,
     pub(crate) around: Surroundings,
     pub(crate) operation: Option<Operation>,
+    /// Where crashed stages are started anew.
+    pub(crate) restarts: Option<Restarts>,
     control: Server,
     acks: RecordSubscriber<SinkAck>,
     routes: RecordPublisher<Routes>,
@@ -93,6 +96,7 @@ impl Supervisor {
             board,
             around: Surroundings { domain: domain.clone(), log: log.clone(), ringer: bell.ringer() },
             operation: None,
+            restarts: None,
             control: Server::start(domain, bell.ringer())?,
             acks,
             routes: RecordPublisher::open(&bus)?,
@@ -153,6 +157,7 @@ impl Supervisor {
         }
         self.operate()?;
         self.replace_dead()?;
+        self.restart()?;
         // The stage that failed first is the cause; others may follow because of it.
         let mut leading = self.children.iter().filter(|child| self.leads(child));
         if let Some(child) = leading.clone().find(|child| child.ended.is_some_and(|status| !status.success()))
@@ -170,6 +175,7 @@ impl Supervisor {
         let mut sinks =
             self.children.iter().filter(|child| self.leads(child) && is_of(child, Role::Consumer)).peekable();
         let finished = sinks.peek().is_some() && sinks.all(|child| child.ended.is_some());
+        let finished = finished && self.restarts.as_ref().is_none_or(|restarts| !restarts.are_under_way());
         Ok(if finished { Progress::Finished } else { Progress::Running })
     }
 
@@ -189,7 +195,7 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Where the leading instance of a stage has died, a standby that is ready takes its place.
+    /// Where the leading instance of a stage has died, a standby that is ready takes its place, or else it is started anew.
     fn replace_dead(&mut self) -> Result<(), LaunchError> {
         let died = |child: &Child| child.ended.is_some_and(|status: ExitStatus| !status.success());
         for index in 0..self.slots.len() {
@@ -198,12 +204,17 @@ impl Supervisor {
                 .children
                 .iter()
                 .find(|child| child.name == slot.name() && self.leads(child) && died(child));
-            let (Some(dead), Some((epoch, pid))) = (dead, self.ready_standby(index)) else { continue };
+            let Some(dead) = dead else { continue };
             let (name, old, cause) = (dead.name.clone(), dead.epoch, dead.failure());
-            self.say(index, |slot| slot.take_over(epoch))?;
-            tracing::warn!(stage = name, %cause, epoch, pid, "the standby has taken over");
-            self.end(&name, old)?;
-            self.board.lead(&name, epoch);
+            if let Some((epoch, pid)) = self.ready_standby(index) {
+                self.say(index, |slot| slot.take_over(epoch))?;
+                tracing::warn!(stage = name, %cause, epoch, pid, "the standby has taken over");
+                self.end(&name, old)?;
+                self.board.lead(&name, epoch);
+            } else if self.plan_restart(index, (&name, old))? {
+                tracing::warn!(stage = name, %cause, "is started again");
+                self.end(&name, old)?;
+            }
         }
         // A standby that died is missed by nobody.
         let gone: Vec<_> = self
@@ -213,7 +224,10 @@ impl Supervisor {
             .map(|child| (child.name.clone(), child.epoch, child.failure()))
             .collect();
         for (name, epoch, cause) in gone {
-            if self.operation.as_ref().is_none_or(|operation| !operation.is_about(&name, epoch)) {
+            let slot = self.slots.iter().position(|slot| slot.name() == name).unwrap_or(usize::MAX);
+            let operated = self.operation.as_ref().is_some_and(|operation| operation.is_about(&name, epoch));
+            let restarted = self.restarts.as_ref().is_some_and(|restarts| restarts.is_about(slot, epoch));
+            if !operated && !restarted {
                 tracing::warn!(stage = name, epoch, %cause, "a standby has ended");
                 self.end(&name, epoch)?;
             }

@@ -95,6 +95,16 @@ impl Supervisor {
         {
             return Ok((slot, entry, epoch, pid));
         }
+        let (epoch, pid) = self.start_standby(slot, &entry)?;
+        Ok((slot, entry, epoch, pid))
+    }
+
+    /// Starts an instance that follows; gives its epoch and pid.
+    pub(crate) fn start_standby(
+        &mut self,
+        slot: usize,
+        entry: &StageEntry,
+    ) -> Result<(u32, u32), LaunchError> {
         let mut pipeline = self.pipeline.clone();
         if let Some(place) = pipeline.stages.get_mut(slot) {
             *place = entry.clone();
@@ -105,10 +115,10 @@ impl Supervisor {
         let text = toml::to_string(&pipeline)
             .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
         write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
-        let child = Child::spawn(&entry, &file, (epoch, true), &self.around)?;
+        let child = Child::spawn(entry, &file, (epoch, true), &self.around)?;
         let pid = child.pid();
         self.children.push(child);
-        Ok((slot, entry, epoch, pid))
+        Ok((epoch, pid))
     }
 
     /// The stage by its name; `odometry` is whichever there is.
@@ -123,11 +133,6 @@ impl Supervisor {
                 names.join(", ")
             )));
         };
-        if slot.role == Role::Consumer {
-            return Err(LaunchError::Path(format!(
-                "'{name}' is a consumer, which cannot be replaced yet without losing what it has gathered"
-            )));
-        }
         if slot.role == Role::Producer {
             return Err(LaunchError::Path(format!(
                 "'{name}' is a producer, of which one at a time has the sensor; stop the pipeline to replace it"

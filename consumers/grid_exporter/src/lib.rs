@@ -35,8 +35,8 @@ use std::fs;
 
 use evac_formats::FormatError;
 use evac_formats::occupancy_grid::{self, OccupancyGrid};
-use evac_frames::{FrameHeader, GridHeader, MapHeader, TrackingState, frame_flags, map_flags};
-use evac_stage::{Counters, GridOutput, PlanInput, Rig, Stage, StageConfig, StageError};
+use evac_frames::{Ack, FrameHeader, GridHeader, MapHeader, TrackingState, frame_flags, map_flags};
+use evac_stage::{Counters, GridOutput, PlanInput, Readiness, Rig, Stage, StageConfig, StageError, State};
 
 pub use config::{GridExporterConfig, Mode};
 
@@ -62,6 +62,8 @@ pub struct GridExporter {
     unpublished: bool,
     /// ... and something came after the last saving.
     unsaved: bool,
+    /// A standby's: it has the way from before it came.
+    is_loaded: bool,
 }
 
 /// What depends on the map's resolution.
@@ -96,6 +98,7 @@ impl Stage for GridExporter {
             saved_ns: None,
             unpublished: false,
             unsaved: false,
+            is_loaded: false,
         })
     }
 
@@ -105,7 +108,51 @@ impl Stage for GridExporter {
         output: &mut GridOutput,
         counters: &mut Counters,
     ) -> Result<(), StageError> {
+        self.gather(&input, counters);
         let frame = &input.map.header.frame;
+        let end = frame.flags & frame_flags::END_OF_STREAM != 0;
+        let publish = is_due(&mut self.published_ns, frame.end_ns, self.config.publish_interval_s);
+        if publish && self.unpublished || end {
+            self.publish(frame, output)?;
+        }
+        // A disk that is slower than the interval gets fewer plans.
+        let due = self.config.save_interval_s > 0.0 && !self.saver.is_busy();
+        if end || due && is_due(&mut self.saved_ns, frame.end_ns, self.config.save_interval_s) {
+            self.save()?;
+        }
+        if end { self.saver.wait().map_err(file_error) } else { Ok(()) }
+    }
+
+    /// Gathers the same and neither publishes nor writes.
+    fn follow(&mut self, input: PlanInput<'_>, _done: Option<&Ack>) -> Result<Readiness, StageError> {
+        self.gather(&input, &mut Counters::default());
+        Ok(if self.is_loaded { Readiness::Ready } else { Readiness::Following })
+    }
+
+    fn save_state(&self, state: &mut State) {
+        self.path.save(state);
+    }
+
+    fn load_state(&mut self, state: &mut State, _seq: u64) -> Result<(), StageError> {
+        self.path.load(state)?;
+        if let Some(map) = &mut self.map {
+            map.walk = Walk::new(map.raster);
+            self.path.points().for_each(|position| map.walk.push(position));
+        }
+        self.is_loaded = true;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), StageError> {
+        if self.unsaved {
+            self.save()?;
+        }
+        self.saver.wait().map_err(file_error)
+    }
+}
+
+impl GridExporter {
+    fn gather(&mut self, input: &PlanInput<'_>, counters: &mut Counters) {
         if self.prepare(input.map.header) {
             let refused = input.map.voxels.iter().filter(|voxel| self.columns.apply(voxel).is_err()).count();
             counters.rejected += refused as u64;
@@ -123,29 +170,17 @@ impl Stage for GridExporter {
             self.unpublished |= projection.update(&mut self.columns, walk, &self.config);
         }
         self.unsaved = true;
-
-        let end = frame.flags & frame_flags::END_OF_STREAM != 0;
-        let publish = is_due(&mut self.published_ns, frame.end_ns, self.config.publish_interval_s);
-        if publish && self.unpublished || end {
-            self.publish(frame, output)?;
-        }
-        // A disk that is slower than the interval gets fewer plans.
-        let due = self.config.save_interval_s > 0.0 && !self.saver.is_busy();
-        if end || due && is_due(&mut self.saved_ns, frame.end_ns, self.config.save_interval_s) {
-            self.save()?;
-        }
-        if end { self.saver.wait().map_err(file_error) } else { Ok(()) }
     }
 
-    fn finish(&mut self) -> Result<(), StageError> {
-        if self.unsaved {
-            self.save()?;
+    /// Projects the whole map anew, as if all of it had come with the last update; the plans stay as they are. For comparison
+    /// with what following the updates costs.
+    pub fn project_anew(&mut self) {
+        if let Some(Map { raster, walk, projection }) = &mut self.map {
+            *projection = Projection::new(*raster, &self.config);
+            projection.update(&mut self.columns, walk, &self.config);
         }
-        self.saver.wait().map_err(file_error)
     }
-}
 
-impl GridExporter {
     /// Makes ready for a message; false where its voxels cannot be used.
     fn prepare(&mut self, header: &MapHeader) -> bool {
         let resolution = header.resolution;

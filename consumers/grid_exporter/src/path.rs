@@ -1,5 +1,7 @@
 //! Where the sensor has been.
 
+use evac_stage::{StageError, State};
+
 /// Points kept; at the starting spacing they cover 20 km.
 const MAX_POINTS: usize = 200_000;
 /// Metres between two kept points at the start.
@@ -42,6 +44,26 @@ impl Path {
         }
         self.points.push(position);
         true
+    }
+
+    /// Writes it down for another exporter.
+    pub(crate) fn save(&self, state: &mut State) {
+        state.put_reals(&[self.spacing]);
+        state.put_reals(&self.last.unwrap_or([f64::NAN; 3]));
+        state.put(self.points.len() as u64);
+        self.points.iter().for_each(|point| state.put_reals(point));
+    }
+
+    /// Takes over another exporter's.
+    pub(crate) fn load(&mut self, state: &mut State) -> Result<(), StageError> {
+        let [spacing] = state.reals()?;
+        self.spacing = spacing;
+        self.last = Some(state.reals()?).filter(|last: &[f64; 3]| last.iter().all(|axis| axis.is_finite()));
+        self.points.clear();
+        for _ in 0..state.number()? {
+            self.points.push(state.reals()?);
+        }
+        Ok(())
     }
 
     /// The thinned positions, the latest one last.

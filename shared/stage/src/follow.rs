@@ -8,7 +8,7 @@ use evac_ports::{Bus, FrameSample, Listener, PortError, RecordSubscriber};
 
 use crate::joins::gated::{GatedFrames, GatedRecords};
 use crate::joins::map::{MapSample, MapStream};
-use crate::{InputCounters, MapMessage, Reporter, StageOutput};
+use crate::{InputCounters, MapMessage, Reporter, StageError, StageOutput};
 
 /// Outputs kept until the inputs of the same frame are complete. Input is behind by what the routed instance takes, if at all.
 const MAX_AHEAD: usize = 16;
@@ -23,7 +23,22 @@ pub enum Readiness {
 }
 
 /// What the routed instance put out for one frame, as a stage of output `O` sees it.
-pub type Routed<'a, O> = <<O as StageOutput>::Follower as Follower>::Routed<'a>;
+pub type Routed<'a, O> = <<O as Followed>::Follower as Follower>::Routed<'a>;
+
+/// An output that a standby can follow and go on with.
+pub trait Followed: StageOutput {
+    /// By what the routed instance's is read.
+    type Follower: Follower;
+
+    /// A standby takes note of what the routed instance put out.
+    fn note(&mut self, _routed: &Routed<'_, Self>) {}
+
+    /// Publishes the routed instance's newest output once more: one that was killed may have handed it to some of its readers only.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError>;
+}
 
 /// Reads the routed instance's output.
 pub trait Follower: Sized {

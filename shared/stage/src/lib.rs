@@ -14,6 +14,7 @@
 //! lossless mode, `--config`, `--print-config`, `--check` and exit codes.
 
 mod check;
+mod checkpoint;
 mod device;
 mod exit;
 mod follow;
@@ -34,10 +35,11 @@ mod stage;
 mod tracking;
 
 pub use check::check_range;
+pub use checkpoint::State;
 pub use device::Device;
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
-pub use follow::{Follower, Readiness, Routed};
+pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
 pub use logging::{LogOptions, start_logging};

@@ -10,7 +10,7 @@ use evac_ports::services::{
 use evac_ports::services::{FrameService, SliceLen};
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
-use crate::follow::{AckFollower, Follower, MapFollower, PoseFollower, Routed, ScanFollower};
+use crate::follow::{AckFollower, Followed, MapFollower, PoseFollower, Routed, ScanFollower};
 use crate::{StageError, tracking};
 
 /// An output that the run loop can connect to the bus.
@@ -26,18 +26,6 @@ pub trait StageOutput: Sized {
     /// # Errors
     /// [`PortError`].
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError>;
-
-    /// By what a standby follows the routed instance.
-    type Follower: Follower;
-
-    /// A standby takes note of what the routed instance put out.
-    fn note(&mut self, _routed: &Routed<'_, Self>) {}
-
-    /// Publishes the routed instance's newest output once more: one that was killed may have handed it to some of its readers only.
-    ///
-    /// # Errors
-    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
-    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError>;
 
     /// How the odometry fares whose output this is, for the health report; nothing for other stages.
     fn odometry(&self) -> OdometryHealth {
@@ -116,15 +104,18 @@ impl ScanOutput {
 impl StageOutput for ScanOutput {
     const SERVICES: &'static [&'static str] = &["scan/deskewed"];
     const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+impl Followed for ScanOutput {
     type Follower = ScanFollower;
 
     fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
         let points = routed.items();
         self.publish(routed.header(), points.len(), |i| points.get(i).copied().unwrap_or_default())
-    }
-
-    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
-        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
     }
 }
 
@@ -315,6 +306,17 @@ impl PoseOutput {
 impl StageOutput for PoseOutput {
     const SERVICES: &'static [&'static str] = &["odometry/pose"];
     const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+
+    fn odometry(&self) -> OdometryHealth {
+        self.odometry
+    }
+}
+
+impl Followed for PoseOutput {
     type Follower = PoseFollower;
 
     fn note(&mut self, routed: &Routed<'_, Self>) {
@@ -323,14 +325,6 @@ impl StageOutput for PoseOutput {
 
     fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
         self.publish(routed)
-    }
-
-    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
-        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
-    }
-
-    fn odometry(&self) -> OdometryHealth {
-        self.odometry
     }
 }
 
@@ -423,16 +417,6 @@ impl MapOutput {
 impl StageOutput for MapOutput {
     const SERVICES: &'static [&'static str] = &["map/update", "map/snapshot"];
     const IS_SINK: bool = false;
-    type Follower = MapFollower;
-
-    fn note(&mut self, routed: &Routed<'_, Self>) {
-        self.map_epoch = Some(routed.header.map_epoch);
-    }
-
-    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
-        let voxels = routed.voxels;
-        self.publish(routed.header, voxels.len(), |i| voxels.get(i).copied().unwrap_or_default())
-    }
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         let port = MapPort {
@@ -442,6 +426,19 @@ impl StageOutput for MapOutput {
             epoch,
         };
         Ok(Self { port: Some(port), ..Self::default() })
+    }
+}
+
+impl Followed for MapOutput {
+    type Follower = MapFollower;
+
+    fn note(&mut self, routed: &Routed<'_, Self>) {
+        self.map_epoch = Some(routed.header.map_epoch);
+    }
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        let voxels = routed.voxels;
+        self.publish(routed.header, voxels.len(), |i| voxels.get(i).copied().unwrap_or_default())
     }
 }
 
@@ -480,14 +477,17 @@ impl GridOutput {
 impl StageOutput for GridOutput {
     const SERVICES: &'static [&'static str] = &["grid/plan"];
     const IS_SINK: bool = true;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+impl Followed for GridOutput {
     type Follower = AckFollower;
 
     fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
         Ok(())
-    }
-
-    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
-        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
     }
 }
 
@@ -498,13 +498,16 @@ pub struct NoOutput;
 impl StageOutput for NoOutput {
     const SERVICES: &'static [&'static str] = &[];
     const IS_SINK: bool = true;
+
+    fn open(_bus: &Bus, _epoch: u32) -> Result<Self, PortError> {
+        Ok(Self)
+    }
+}
+
+impl Followed for NoOutput {
     type Follower = AckFollower;
 
     fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
         Ok(())
-    }
-
-    fn open(_bus: &Bus, _epoch: u32) -> Result<Self, PortError> {
-        Ok(Self)
     }
 }

@@ -23,6 +23,8 @@ pub(crate) struct Standby<F> {
     pub(crate) promotion: Option<Promotion>,
     /// The last frame of the stream was followed.
     pub(crate) ended: bool,
+    /// A sink's: it has what the routed instance had gathered before it came.
+    pub(crate) restored: bool,
 }
 
 /// The launcher's word that an instance takes over.

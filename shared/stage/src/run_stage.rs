@@ -10,12 +10,13 @@ use evac_frames::{Ack, FrameHeader, Health, Route, StageState, frame_flags};
 use evac_ports::services::{Routes, SinkAck};
 use evac_ports::{Bus, Listener, PortError, RecordPublisher, RecordSubscriber, Wake, now_ns, wait_on};
 
-use crate::follow::Follower;
+use crate::checkpoint::Checkpoints;
+use crate::follow::{Followed, Follower};
 use crate::joins::{Join, JoinOptions};
 use crate::options::Context;
 use crate::role::{Order, Orders, Promotion, Role, Standby};
 use crate::{
-    Readiness, Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, exit_code,
+    Readiness, Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, State, exit_code,
     start_logging,
 };
 
@@ -95,13 +96,17 @@ where
     let mut role = Role::Lead;
     let mut state = StageState::Waiting;
     if options.standby {
-        let (follower, own_listeners) = <S::Output as StageOutput>::Follower::open(&bus, &context.name)?;
+        let (follower, own_listeners) = <S::Output as Followed>::Follower::open(&bus, &context.name)?;
         listeners.extend(own_listeners);
-        role = Role::Follow(Box::new(Standby { follower, promotion: None, ended: false }));
+        role = Role::Follow(Box::new(Standby { follower, promotion: None, ended: false, restored: false }));
         state = StageState::Following;
     }
     let output = S::Output::open(&bus, context.epoch)?;
     let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
+    let checkpoints = match ack {
+        Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
+        None => None,
+    };
     // Last, because it says that everything is open.
     let reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
     let orders = Orders::new(&context.name, context.epoch);
@@ -110,6 +115,7 @@ where
         join,
         output,
         ack,
+        checkpoints,
         reporter,
         routes,
         orders,
@@ -134,10 +140,12 @@ struct Running<S: Stage, J> {
     join: J,
     output: S::Output,
     ack: Option<AckPort>,
+    /// A sink's.
+    checkpoints: Option<Checkpoints>,
     reporter: Reporter,
     routes: RecordSubscriber<Routes>,
     orders: Orders,
-    role: Role<<S::Output as StageOutput>::Follower>,
+    role: Role<<S::Output as Followed>::Follower>,
     /// Frames before it are the older instance's.
     leads_from: u64,
     /// The newest frame that is dealt with, here or by the routed instance.
@@ -225,10 +233,20 @@ where
     }
 
     fn serve(&mut self) -> Result<(), RunError> {
-        if self.role.leads() {
-            self.stage.serve(&mut self.output)?;
+        if !self.role.leads() {
+            return Ok(());
         }
-        Ok(())
+        if let (Some(checkpoints), Some(seq)) = (&self.checkpoints, self.last_seq)
+            && checkpoints.is_wanted()
+        {
+            let mut state = State::default();
+            self.stage.save_state(&mut state);
+            // The standby's loss, not this one's: it goes on asking.
+            if let Err(cause) = checkpoints.answer(seq, &state) {
+                tracing::warn!(%cause, "the state for a standby cannot be written");
+            }
+        }
+        Ok(self.stage.serve(&mut self.output)?)
     }
 
     fn handle_next(&mut self) -> Result<bool, RunError> {
@@ -279,6 +297,22 @@ where
     /// Follows the routed instance by one frame, or takes over from it when it was followed to its end.
     fn follow_next(&mut self) -> Result<bool, RunError> {
         let Role::Follow(standby) = &mut self.role else { return Ok(false) };
+        // After its first frame, so that the map's stream has begun by then.
+        if let (Some(checkpoints), Some(last), false) =
+            (&mut self.checkpoints, self.last_seq, standby.restored)
+        {
+            match checkpoints.take() {
+                Some((seq, mut state)) if seq >= last => {
+                    self.stage.load_state(&mut state, seq)?;
+                    standby.restored = true;
+                }
+                _ => {
+                    checkpoints.ask()?;
+                    self.join.limit(0);
+                    return Ok(false);
+                }
+            }
+        }
         let Some((seq, stands_alone)) = standby.follower.front() else {
             let promotion = standby.promotion;
             self.join.limit(0);
@@ -315,6 +349,8 @@ where
             }
             standby.follower.pop();
         }
+        // What was missed has to be asked for again.
+        standby.restored &= self.last_seq.is_none_or(|last| handled <= last.saturating_add(1));
         self.last_seq = Some(handled);
         self.reporter.followed(handled);
         match readiness {

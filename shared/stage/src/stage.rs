@@ -2,8 +2,8 @@
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::follow::{Readiness, Routed};
-use crate::{Rig, StageOutput};
+use crate::follow::{Followed, Readiness, Routed};
+use crate::{Rig, State};
 
 /// A stage: a pure function of its inputs and its own state. It sees plain slices, never shared memory, clocks or files
 /// (sinks excepted, whose work is files).
@@ -15,7 +15,7 @@ pub trait Stage: Sized {
     /// What `process` is called with; see the types in [`crate::input`](crate).
     type Input<'a>;
     /// What `process` writes to.
-    type Output: StageOutput;
+    type Output: Followed;
 
     /// Builds the stage; allocates everything it will need.
     ///
@@ -46,7 +46,7 @@ pub trait Stage: Sized {
     /// A standby's frame: what `process` would be called with and, where it came, what the routed instance put out for it. Comes
     /// to the same state as if it had put that out itself, and says whether it could take over with the next frame.
     ///
-    /// The default is that of a stage without memory.
+    /// The default is that of a stage without memory; sinks must write no file here.
     ///
     /// # Errors
     /// As `process`.
@@ -63,6 +63,18 @@ pub trait Stage: Sized {
     /// # Errors
     /// As `process`.
     fn adopt(&mut self, _routed: Routed<'_, Self::Output>) -> Result<(), StageError> {
+        Ok(())
+    }
+
+    /// A sink's state so far that a standby cannot have from its inputs: the way before it came, for example.
+    fn save_state(&self, _state: &mut State) {}
+
+    /// Takes over what the sink that leads had gathered after frame `seq`, in the place of what this one has seen itself. The next
+    /// frames may still be older: of these only the map is news.
+    ///
+    /// # Errors
+    /// [`StageError::File`] where it cannot be read.
+    fn load_state(&mut self, _state: &mut State, _seq: u64) -> Result<(), StageError> {
         Ok(())
     }
 

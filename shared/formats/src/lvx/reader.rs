@@ -242,7 +242,7 @@ impl LvxReader {
             2 => 8,
             _ => 10,
         };
-        if length > MAX_POINT_BYTES || length % record != 0 {
+        if length > MAX_POINT_BYTES || !length.is_multiple_of(record) {
             let cause = format!("the package claims {length} bytes of points of type {kind}");
             return Err(self.refused(start, cause, DAMAGED));
         }

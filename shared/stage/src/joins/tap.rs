@@ -34,8 +34,6 @@ pub struct TapJoin {
     now_ns: i64,
     /// The next frame that is not done with.
     next: u64,
-    /// Nothing more is handed on: another instance has taken over.
-    closed: bool,
 }
 
 impl Join for TapJoin {
@@ -65,20 +63,18 @@ impl Join for TapJoin {
             health: RecordTap::open(bus, &mut listeners)?,
             now_ns: 0,
             next: 0,
-            closed: false,
         };
         Ok((join, listeners))
     }
 
-    /// All instances of a stage are listened to; each frame names its own.
+    /// What an instance says is recorded whether it is listened to or not; its epoch says which it is.
     fn route(&mut self, _route: &Route) {}
 
-    fn limit(&mut self, seq: u64) {
-        self.closed = seq == 0;
-    }
+    /// Nothing is held back: a recorder is not swapped, it is ended and another begun.
+    fn limit(&mut self, _seq: u64) {}
 
     fn front(&self) -> Option<u64> {
-        self.scans.queue.front().map(|scan| scan.header().frame.seq)
+        None
     }
 
     fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
@@ -97,9 +93,6 @@ impl Join for TapJoin {
         reporter: &mut Reporter,
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R> {
-        if self.closed {
-            return None;
-        }
         let times = [
             self.imu.queue.front().map(|sample| sample.stamp_ns),
             self.scans.queue.front().map(|scan| scan.header().frame.end_ns),
