@@ -44,7 +44,7 @@ pub(crate) enum Command {
     Check(CheckArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
+        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
     )]
     Stage(StageArgs),
     /// Turn a point cloud into an octree file
@@ -147,6 +147,9 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
+    #[arg(long, conflicts_with = "record")]
+    pub(crate) devices: bool,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres

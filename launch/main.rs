@@ -4,6 +4,8 @@ mod calibrate;
 mod check;
 mod cli;
 mod convert;
+mod cpu;
+mod devices;
 mod drift;
 mod error;
 mod eval;

@@ -38,8 +38,7 @@ fn a_device_that_broadcasts_is_found_without_its_address_and_one_with_another_co
     let (device, config) = configs(Protocol::Sdk1);
     let serial = device.serial.clone();
     let _device = LivoxDevice::start(device, Box::new(Wall)).unwrap();
-    let mut other =
-        Host::new(Config { device: None, serial: Some("1HDDH1200100421".to_owned()), ..config });
+    let mut other = Host::new(Config { device: None, serial: Some("1HDDH1200100421".to_owned()), ..config });
     let mut broadcasts = 0;
     other.until("two broadcasts", |host| {
         broadcasts = broadcasts.max(host.lidar.counts().damaged);

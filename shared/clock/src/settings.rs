@@ -45,6 +45,8 @@ impl Settings {
         Self {
             tolerance_ppm: 5000.0,
             shift_ns: (tick_ns / 2.0) as i64,
+            // The rate is looked for at the same time.
+            settle_ns: 1_500_000_000,
             // Longer than the beat with a latency timer, within which arrivals may all be late by a period.
             confirm_ns: 20_000_000_000,
             ..Self::counter(tick_ns)
