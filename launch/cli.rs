@@ -59,7 +59,8 @@ pub(crate) enum Command {
     Doctor(crate::doctor::DoctorArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver, recorder"
+        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, \
+                      map_saver, recorder"
     )]
     Stage(StageArgs),
     /// Turn a point cloud into octree files, voxel centres and flat maps
@@ -134,6 +135,9 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
+    #[arg(long, conflicts_with = "record")]
+    pub(crate) devices: bool,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
