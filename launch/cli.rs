@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use evac_simulator::WorldKind;
 use evac_stage::{LogOptions, RunOptions};
 
 /// LiDAR and IMU mapping of evacuation routes: a walk in, an OctoMap and a flat map out.
@@ -38,19 +39,35 @@ pub(crate) enum Command {
     Up(UpArgs),
     /// Stop the pipeline that runs in a pipeline file's domain
     Down(DomainArgs),
+    /// Replace a stage while the pipeline runs
+    ///
+    /// The new instance starts beside the old one, follows it until it could go on in its place, and takes over between two
+    /// frames: none is lost and none comes twice. If it does not get ready the old one goes on. Without options the same
+    /// stage is started anew, or a standby that is ready takes over.
+    #[command(visible_alias = "restart")]
+    Swap(SwapArgs),
+    /// Start a second instance that takes over when the first one dies
+    Standby(SwapArgs),
     /// Show every stage of a running pipeline: pid, state, rate, age, losses and latency
     Status(StatusArgs),
     /// Check a pipeline file without starting anything
     Check(CheckArgs),
+    /// Find what would stop or spoil a run on this machine, and say what to do
+    ///
+    /// Shared memory, clocks, processor, serial ports, socket buffers, and the devices of a pipeline file. Code 4 where
+    /// something would stop a run.
+    Doctor(crate::doctor::DoctorArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
+        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, \
+                      map_saver, recorder"
     )]
     Stage(StageArgs),
-    /// Turn a point cloud into an octree file
+    /// Turn a point cloud into octree files, voxel centres and flat maps
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
-    Convert(ConvertArgs),
+    #[command(after_help = crate::convert::CONVERT_HELP)]
+    Convert(crate::convert::ConvertArgs),
     /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
     Experiment(crate::experiment::ExperimentArgs),
     /// Compare trajectories with the truth
@@ -75,35 +92,6 @@ pub(crate) const MAP_HELP: &str = "Recordings:\n  \
     taken as evenly sampled from the first LiDAR packet's device time on\n\n\
     Rig file:\n  [rig.imu_from_lidar]\n  translation_m = [0.05, -0.02, 0.06]       # LiDAR origin in the IMU frame\n  \
     roll_pitch_yaw_deg = [0.5, -1.0, 1.5]     # R = Rz Ry Rx takes LiDAR to IMU coordinates";
-
-/// Worlds of the simulator.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum World {
-    /// A basement corridor in a loop.
-    Corridor,
-    /// A station hall with pillars and walking people.
-    Hall,
-    /// Two storeys and the stairs between them.
-    Stairwell,
-    /// Corridors drawn from --building: rectangle, L, U, figure of eight, T or Z.
-    FloorPlan,
-    /// A cellar of quarry stone and broken plaster, drawn from --building.
-    Rough,
-    /// Round bores through rough rock, drawn from --building.
-    Tunnel,
-    /// A plant room with tanks and pipes, drawn from --building.
-    Plant,
-    /// An office with desks, chairs, shelves and plants, drawn from --building.
-    Office,
-    /// An atrium with glass that throws nothing back, drawn from --building.
-    Atrium,
-    /// A hall of 50 x 30 m with few things in it, drawn from --building.
-    OpenHall,
-    /// A corridor with ramps up and down, drawn from --building.
-    Ramp,
-    /// A landing around a deep stairwell's eye, beside a lift shaft, drawn from --building.
-    Shaft,
-}
 
 /// Stages that say where the LiDAR is.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -133,8 +121,8 @@ pub(crate) struct DemoArgs {
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
     /// The building
-    #[arg(long, value_enum, default_value_t = World::Corridor)]
-    pub(crate) world: World,
+    #[arg(long, value_enum, default_value_t = WorldKind::Corridor)]
+    pub(crate) world: WorldKind,
     /// Which building of a kind that is drawn from a number
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(crate) building: u64,
@@ -147,6 +135,9 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
+    #[arg(long, conflicts_with = "record")]
+    pub(crate) devices: bool,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
@@ -230,6 +221,31 @@ pub(crate) struct DomainArgs {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct SwapArgs {
+    /// Name of the stage in the pipeline file; `odometry` is whichever there is
+    #[arg(value_name = "STAGE")]
+    pub(crate) stage: String,
+    /// Another kind that writes the same, for example loam in the place of lio
+    #[arg(long)]
+    pub(crate) kind: Option<String>,
+    /// Another executable that keeps the contract, and its first arguments
+    #[arg(long, value_name = "EXECUTABLE", num_args = 1.., allow_hyphen_values = true)]
+    pub(crate) run: Option<Vec<PathBuf>>,
+    /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]
+    #[arg(long, value_name = "PIPELINE.toml")]
+    pub(crate) config: Option<PathBuf>,
+    /// Longest time until the new instance is ready
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
+    pub(crate) patience: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Space of shared-memory services [default: evac]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct StatusArgs {
     #[command(flatten)]
     pub(crate) domain: DomainArgs,
@@ -252,22 +268,6 @@ pub(crate) struct StageArgs {
     pub(crate) kind: String,
     #[command(flatten)]
     pub(crate) options: RunOptions,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct ConvertArgs {
-    /// Point cloud (PCD: ascii, binary or compressed)
-    #[arg(value_name = "CLOUD.pcd")]
-    pub(crate) cloud: PathBuf,
-    /// Edge of a voxel, metres
-    #[arg(long, value_name = "METRES")]
-    pub(crate) resolution: f64,
-    /// Leave the ground of all levels out
-    #[arg(long)]
-    pub(crate) remove_ground: bool,
-    /// Octree file, .bt (occupied or free) or .ot (log-odds)
-    #[arg(short, long, value_name = "MAP.bt|MAP.ot")]
-    pub(crate) output: PathBuf,
 }
 
 #[derive(Debug, Args)]

@@ -3,15 +3,21 @@
 use evac_config::StageEntry;
 use evac_deskewer::Deskewer;
 use evac_grid_exporter::GridExporter;
+use evac_imu::Imu;
+use evac_lidar::Lidar;
 use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
 use evac_odometry::{Lio, Loam};
+use evac_recorder::Recorder;
 use evac_replay::Replay;
 use evac_simulator::Simulator;
-use evac_stage::joins::{DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin};
+use evac_simulator::devices::DeviceSimulator;
+use evac_stage::joins::{
+    DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin, TapJoin,
+};
 use evac_stage::{
-    RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_source, run_stage as run_one,
-    start_logging,
+    Device, RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_device, run_source,
+    run_stage as run_one, start_logging,
 };
 
 use crate::cli::StageArgs;
@@ -44,16 +50,20 @@ pub(crate) struct Kind {
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 8] {
+pub(crate) fn kinds() -> [Kind; 12] {
     [
         source::<Simulator>(),
         source::<Replay>(),
+        device::<DeviceSimulator>(),
+        device::<Lidar>(),
+        device::<Imu>(),
         stage::<Deskewer, RawScanWithImu>(Role::Processor),
         stage::<Lio, DeskewedScanWithImu>(Role::Processor),
         stage::<Loam, DeskewedScanWithImu>(Role::Processor),
         stage::<OctreeMapper, ScanPoseJoin>(Role::Processor),
         stage::<GridExporter, PlanJoin>(Role::Consumer),
         stage::<MapSaver, SinkJoin>(Role::Consumer),
+        stage::<Recorder, TapJoin>(Role::Consumer),
     ]
 }
 
@@ -80,7 +90,6 @@ fn stage<S, J>(role: Role) -> Kind
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-    S::Output: StageOutput,
 {
     Kind {
         name: S::NAME,
@@ -100,6 +109,17 @@ fn source<S: Source>() -> Kind {
         writes: &["lidar/scan", "imu/sample", "truth/pose"],
         check: check::<S::Config>,
         run: run_source::<S>,
+    }
+}
+
+fn device<D: Device>() -> Kind {
+    Kind {
+        name: D::NAME,
+        role: Role::Producer,
+        reads: &[],
+        writes: D::Output::SERVICES,
+        check: check::<D::Config>,
+        run: run_device::<D>,
     }
 }
 

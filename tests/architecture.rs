@@ -9,7 +9,7 @@ use serde_json::Value;
 /// Own crates that each group of crates may depend on (not counting dev-dependencies).
 fn allowed(name: &str) -> &'static [&'static str] {
     match name {
-        "evac-frames" | "evac-testkit" => &[],
+        "evac-frames" | "evac-clock" | "evac-testkit" => &[],
         "evac-geometry" => &["evac-frames"],
         "evac-formats" => &["evac-geometry"],
         "evac-evaluation" => &["evac-geometry", "evac-formats"],
@@ -20,9 +20,11 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-stage" => &["evac-config", "evac-frames", "evac-ports"],
         "evac-deskewer" | "evac-odometry" => &["evac-frames", "evac-geometry", "evac-stage"],
         "evac-octree-mapper" => &["evac-frames", "evac-geometry", "evac-octree", "evac-stage"],
-        "evac-simulator" | "evac-replay" | "evac-map-saver" => {
+        "evac-simulator" | "evac-replay" | "evac-map-saver" | "evac-recorder" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-stage"]
         }
+        "evac-lidar" => &["evac-clock", "evac-formats", "evac-frames", "evac-stage"],
+        "evac-imu" => &["evac-clock", "evac-formats", "evac-frames", "evac-geometry", "evac-stage"],
         "evac-experiments" => &[
             "evac-config",
             "evac-deskewer",

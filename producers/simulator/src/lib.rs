@@ -11,6 +11,7 @@
 
 mod catalogue;
 mod config;
+pub mod devices;
 mod mid40;
 mod random;
 mod recording;

@@ -2,22 +2,20 @@
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+mod common;
+
 use std::collections::BTreeMap;
 
+use common::{hex, json};
 use evac_formats::livox_sdk1::{
-    CartesianMm, DataType, Datagram, DatagramError, TimestampType, encode_cartesian, encode_imu,
+    CartesianMm, DataFields, DataType, Datagram, DatagramError, PointRecord, Status, TimestampType,
+    encode_cartesian, encode_imu, encode_points,
 };
 use evac_formats::pcap::PcapReader;
 use serde_json::Value;
 
-fn hex(text: &Value) -> Vec<u8> {
-    let text = text.as_str().unwrap();
-    (0..text.len()).step_by(2).map(|at| u8::from_str_radix(&text[at..at + 2], 16).unwrap()).collect()
-}
-
 fn golden() -> Option<Value> {
-    let path = evac_testkit::data("protocols/sdk1/data_packets.json")?;
-    Some(serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap())
+    json("protocols/sdk1/data_packets.json")
 }
 
 /// Position of a golden point's echo (names end in 1, 2, 3 where a shot has several), metres.
@@ -99,30 +97,64 @@ fn every_kind_of_time_stamp_gives_the_vendor_s_nanoseconds() {
 #[test]
 fn encoded_datagrams_are_the_golden_ones_byte_for_byte() {
     let Some(golden) = golden() else { return };
-    let mut out = Vec::new();
+    let (mut out, mut seen) = (Vec::new(), 0);
     for packet in golden["packets"].as_array().unwrap() {
         let bytes = hex(&packet["datagram_hex"]);
         let datagram = Datagram::parse(&bytes).unwrap();
         let stamp = datagram.header.stamp_ns as u64;
-        match datagram.header.data_type {
-            DataType::Cartesian => {
-                let shots: Vec<_> = (0..datagram.points())
-                    .filter_map(|index| datagram.point(index))
-                    .map(|point| CartesianMm {
-                        position: point.position.map(|m| (m * 1e3).round() as i32),
-                        reflectivity: point.reflectivity,
-                    })
-                    .collect();
-                encode_cartesian(stamp, &shots, &mut out);
-            }
-            DataType::Imu => {
-                let imu = datagram.imu(0).unwrap();
-                encode_imu(stamp, imu.gyro, imu.accel_g, &mut out);
-            }
-            _ => continue,
+        let data_type = datagram.header.data_type;
+        if data_type == DataType::Imu {
+            let imu = datagram.imu(0).unwrap();
+            encode_imu(stamp, imu.gyro, imu.accel_g, &mut out);
+        } else {
+            let records = bytes[18..].chunks_exact(data_type.record_bytes());
+            let points: Vec<_> = records.flat_map(|record| raw_points(data_type, record)).collect();
+            encode_points(data_type, &DataFields::power_on(stamp), &points, &mut out);
         }
-        assert_eq!(out, bytes);
+        assert_eq!(out, bytes, "{data_type:?}");
+        seen += 1;
+        if data_type == DataType::Cartesian {
+            let shots: Vec<_> = (0..datagram.points())
+                .filter_map(|index| datagram.point(index))
+                .map(|point| CartesianMm {
+                    position: point.position.map(|m| (m * 1e3).round() as i32),
+                    reflectivity: point.reflectivity,
+                })
+                .collect();
+            encode_cartesian(stamp, &shots, &mut out);
+            assert_eq!(out, bytes);
+        }
     }
+    assert_eq!(seen, 9);
+}
+
+/// The echoes of a record as they stand on the wire.
+fn raw_points(data_type: DataType, record: &[u8]) -> Vec<PointRecord> {
+    let number =
+        |bytes: &[u8]| bytes.iter().rev().fold(0_u32, |value, byte| value << 8 | u32::from(*byte)) as i32;
+    let tag = |bytes: &[u8]| bytes.first().copied().unwrap_or(0);
+    let shared_angles = matches!(data_type, DataType::DualSpherical | DataType::TripleSpherical);
+    let (angles, echoes) = record.split_at(if shared_angles { 4 } else { 0 });
+    echoes
+        .chunks_exact(echoes.len() / data_type.echoes())
+        .map(|echo| match data_type {
+            _ if shared_angles => PointRecord {
+                values: [number(&echo[..4]), number(&angles[..2]), number(&angles[2..])],
+                reflectivity: echo[4],
+                tag: echo[5],
+            },
+            DataType::Spherical | DataType::ExtendedSpherical => PointRecord {
+                values: [number(&echo[..4]), number(&echo[4..6]), number(&echo[6..8])],
+                reflectivity: echo[8],
+                tag: tag(&echo[9..]),
+            },
+            _ => PointRecord {
+                values: [0, 4, 8].map(|at| number(&echo[at..at + 4])),
+                reflectivity: echo[12],
+                tag: tag(&echo[13..]),
+            },
+        })
+        .collect()
 }
 
 #[test]
@@ -169,4 +201,33 @@ fn a_captured_session_has_the_datagrams_that_were_sent() {
     }
     assert_eq!(seen, expected);
     assert_eq!(data, 250);
+}
+
+#[test]
+fn a_real_device_s_capture_gives_the_points_and_samples_that_its_description_counts() {
+    let Some(path) = evac_testkit::data("real/livox_tele15_pcap/livox_tele15_small.pcap") else { return };
+    let mut reader = PcapReader::open(&path).unwrap();
+    let (mut points, mut returns, mut samples, mut gravity) = (0, 0, 0, 0.0);
+    let mut tags: BTreeMap<u8, u64> = BTreeMap::new();
+    while let Some(udp) = reader.next_datagram().unwrap() {
+        let datagram = Datagram::parse(udp.payload).unwrap();
+        assert_eq!(datagram.header.timestamp_type, TimestampType::Ptp);
+        assert_eq!(
+            Status(datagram.header.status).complaints().collect::<Vec<_>>(),
+            ["dirty or blocked window", "fan warning", "system warning"]
+        );
+        for index in 0..datagram.points() {
+            let point = datagram.point(index).unwrap();
+            points += 1;
+            returns += u64::from(point.position != [0.0; 3]);
+            *tags.entry(point.tag).or_default() += 1;
+        }
+        if let Some(imu) = datagram.imu(0) {
+            samples += 1;
+            gravity += imu.accel_g.iter().map(|axis| axis * axis).sum::<f32>().sqrt();
+        }
+    }
+    assert_eq!((points, returns, samples), (88_896, 88_844, 74));
+    assert_eq!(tags, BTreeMap::from([(16, 88_632), (24, 264)]));
+    assert!((gravity / 74.0 - 0.9937).abs() < 1e-3, "{gravity}");
 }

@@ -12,10 +12,12 @@ mod health;
 mod layout;
 mod map;
 mod pose;
+mod route;
 mod scan;
 
-pub use health::{Ack, Health, LatencySummary, OdometryHealth, StageState};
+pub use health::{Ack, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 pub use layout::{Field, Layout, layout_hash};
 pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};
 pub use pose::{PoseFrame, TrackingState};
+pub use route::{Route, route_flags};
 pub use scan::{FrameHeader, ImuSample, MAX_TIME_OFFSET_NS, Point, ScanHeader, frame_flags, scan_flags};

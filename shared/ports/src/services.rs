@@ -4,7 +4,7 @@
 //! on everywhere: a stopped or dead subscriber never stalls a publisher; what it misses shows as a gap in `seq`.
 
 use evac_frames::{
-    Ack, GridHeader, Health, ImuSample, Layout, MapHeader, Point, PoseFrame, ScanHeader, Voxel,
+    Ack, GridHeader, Health, ImuSample, Layout, MapHeader, Point, PoseFrame, Route, ScanHeader, Voxel,
 };
 
 /// Quality of service of one service.
@@ -57,8 +57,9 @@ pub trait RecordService {
     type Record: Layout;
 }
 
-/// 32 frames are 3.2 s of stall at 10 Hz; 24 borrowed let a stage hold 20 scans until their pose comes.
-const FRAMES: Qos = Qos { publishers: 4, subscribers: 8, buffer: 32, borrowed: 24, history: 16, nodes: 24 };
+/// 32 frames are 3.2 s of stall at 10 Hz; 48 borrowed let a stage hold 20 scans until their pose comes and another 20 of an
+/// instance that is not routed yet. Every reader may have a standby, which also reads what its own stage writes.
+const FRAMES: Qos = Qos { publishers: 4, subscribers: 14, buffer: 32, borrowed: 48, history: 16, nodes: 32 };
 
 /// Points of the largest scan: 240,000 points/s (Horizon, Avia) over 150 ms, rounded up.
 const MAX_POINTS: usize = 40_000;
@@ -175,8 +176,17 @@ impl RecordService for HealthStatus {
 pub struct SinkAck;
 impl RecordService for SinkAck {
     const NAME: &'static str = "sink/ack";
-    const QOS: Qos = Qos { publishers: 12, subscribers: 8, buffer: 64, borrowed: 2, history: 1, nodes: 32 };
+    const QOS: Qos = Qos { publishers: 12, subscribers: 14, buffer: 64, borrowed: 2, history: 1, nodes: 32 };
     type Record = Ack;
+}
+
+/// The launcher's word on which instance of a stage is listened to. It says everything anew when a process joins.
+#[derive(Debug, Clone, Copy)]
+pub struct Routes;
+impl RecordService for Routes {
+    const NAME: &'static str = "route";
+    const QOS: Qos = Qos { publishers: 2, subscribers: 48, buffer: 64, borrowed: 2, history: 0, nodes: 32 };
+    type Record = Route;
 }
 
 /// Event by which a late joiner asks the mapper for a snapshot.

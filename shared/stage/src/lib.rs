@@ -1,7 +1,8 @@
 //! What a stage is, and everything it does not have to care about.
 //!
 //! A stage crate implements [`Stage`] (processors and consumers) or [`Source`] (producers) as a pure function over the
-//! types in this crate; its `main.rs` wires it to services with [`stage_main`] or [`source_main`]:
+//! types in this crate; a driver implements [`Device`]. Its `main.rs` wires it to services with [`stage_main`], [`source_main`] or
+//! [`device_main`]:
 //!
 //! ```ignore
 //! fn main() -> std::process::ExitCode {
@@ -13,7 +14,11 @@
 //! lossless mode, `--config`, `--print-config`, `--check` and exit codes.
 
 mod check;
+mod checkpoint;
+mod device;
 mod exit;
+mod follow;
+mod gate;
 mod health;
 mod input;
 pub mod joins;
@@ -21,6 +26,8 @@ mod logging;
 mod options;
 mod output;
 mod pace;
+mod role;
+mod run_device;
 mod run_source;
 mod run_stage;
 mod source;
@@ -28,13 +35,20 @@ mod stage;
 mod tracking;
 
 pub use check::check_range;
+pub use checkpoint::State;
+pub use device::Device;
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
+pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
-pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
+pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
-pub use output::{GridOutput, MapOutput, NoOutput, PoseOutput, ScanOutput, StageOutput};
+pub use output::{
+    GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, RawScanOutput, ScanOutput, StageOutput,
+    TruthOutput,
+};
+pub use run_device::{device_main, run_device};
 pub use run_source::{run_source, source_main};
 pub use run_stage::{run_stage, stage_main};
 pub use source::{SensorEvent, Source};

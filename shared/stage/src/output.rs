@@ -1,11 +1,16 @@
 //! What stages write to: shared memory in a pipeline, plain vectors in tests and benches (`default()`).
 
-use evac_frames::{FrameHeader, GridHeader, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel};
-use evac_ports::services::{
-    Cell, GridPlan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
+use evac_frames::{
+    FrameHeader, GridHeader, ImuSample, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel,
 };
+use evac_ports::services::{
+    Cell, GridPlan, Imu, LidarScan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
+    TruthPose,
+};
+use evac_ports::services::{FrameService, SliceLen};
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
+use crate::follow::{AckFollower, Followed, MapFollower, PoseFollower, Routed, ScanFollower};
 use crate::{StageError, tracking};
 
 /// An output that the run loop can connect to the bus.
@@ -105,6 +110,164 @@ impl StageOutput for ScanOutput {
     }
 }
 
+impl Followed for ScanOutput {
+    type Follower = ScanFollower;
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        let points = routed.items();
+        self.publish(routed.header(), points.len(), |i| points.get(i).copied().unwrap_or_default())
+    }
+}
+
+/// Where a device's scans go.
+#[derive(Debug, Default)]
+pub struct RawScanOutput {
+    /// What was published, newest last, where no shared memory is connected.
+    pub memory: Vec<(ScanHeader, Vec<Point>)>,
+    newest_only: bool,
+    next_seq: u64,
+    port: Option<(FramePublisher<LidarScan>, u32)>,
+}
+
+impl RawScanOutput {
+    /// Most points of a scan; a longer one is refused.
+    pub const MAX_POINTS: usize = match <LidarScan as FrameService>::LEN {
+        SliceLen::Fixed(points) | SliceLen::Growing(points) => points,
+    };
+
+    /// Keeps only the newest scan in memory and reuses its buffer, so that publishing does not allocate.
+    pub fn newest_only() -> Self {
+        Self { newest_only: true, ..Self::default() }
+    }
+
+    /// Publishes a scan of `header.points` points; `fill(i)` is called once for each index in order and its result written
+    /// straight into the loaned memory. Shots without return are counted. Gives the header with that, its number and the moment
+    /// of its hand-over.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    pub fn publish(
+        &mut self,
+        mut header: ScanHeader,
+        mut fill: impl FnMut(usize) -> Point,
+    ) -> Result<ScanHeader, StageError> {
+        header.frame.seq = self.next_seq;
+        self.next_seq += 1;
+        let len = header.points as usize;
+        let no_return = std::cell::Cell::new(0);
+        let fill = |index| {
+            let point = fill(index);
+            no_return.set(no_return.get() + u32::from(!point.is_return()));
+            point
+        };
+        let Some((port, epoch)) = &self.port else {
+            keep(&mut self.memory, self.newest_only, header, len, fill);
+            (header.no_return, header.frame.sent_ns) = (no_return.get(), now_ns());
+            if let Some((kept, _)) = self.memory.last_mut() {
+                *kept = header;
+            }
+            return Ok(header);
+        };
+        let finish = || {
+            header.no_return = no_return.get();
+            stamp(&mut header.frame, *epoch);
+            header
+        };
+        port.publish(len, fill, finish).map_err(failed)?;
+        Ok(header)
+    }
+}
+
+impl StageOutput for RawScanOutput {
+    const SERVICES: &'static [&'static str] = &["lidar/scan"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+/// Where the true poses of simulated devices go.
+#[derive(Debug, Default)]
+pub struct TruthOutput {
+    /// What was published, newest last, where no shared memory is connected.
+    pub memory: Vec<PoseFrame>,
+    port: Option<(RecordPublisher<TruthPose>, u32)>,
+}
+
+impl TruthOutput {
+    /// Publishes a pose.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    pub fn publish(&mut self, pose: &PoseFrame) -> Result<(), StageError> {
+        let mut pose = *pose;
+        let Some((port, epoch)) = &self.port else {
+            self.memory.push(pose);
+            return Ok(());
+        };
+        stamp(&mut pose.frame, *epoch);
+        port.publish(&pose).map_err(failed)
+    }
+}
+
+impl StageOutput for TruthOutput {
+    const SERVICES: &'static [&'static str] = &["truth/pose"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+/// Where a device's IMU samples go.
+#[derive(Debug, Default)]
+pub struct ImuOutput {
+    /// What was published, newest last, where no shared memory is connected.
+    pub memory: Vec<ImuSample>,
+    newest_only: bool,
+    next_seq: u64,
+    port: Option<(RecordPublisher<Imu>, u32)>,
+}
+
+impl ImuOutput {
+    /// Keeps only the newest sample in memory, so that publishing does not allocate.
+    pub fn newest_only() -> Self {
+        Self { newest_only: true, memory: Vec::with_capacity(1), ..Self::default() }
+    }
+
+    /// Publishes a sample; gives it with its number and the moment of its hand-over.
+    ///
+    /// # Errors
+    /// [`StageError::Output`] when shared memory cannot be loaned or sent.
+    pub fn publish(&mut self, sample: &ImuSample) -> Result<ImuSample, StageError> {
+        let mut sample = ImuSample { seq: self.next_seq, sent_ns: now_ns(), ..*sample };
+        self.next_seq += 1;
+        match &self.port {
+            Some((port, epoch)) => {
+                sample.epoch = *epoch;
+                port.publish(&sample).map_err(failed)?;
+            }
+            None => {
+                if self.newest_only {
+                    self.memory.clear();
+                }
+                self.memory.push(sample);
+            }
+        }
+        Ok(sample)
+    }
+}
+
+impl StageOutput for ImuOutput {
+    const SERVICES: &'static [&'static str] = &["imu/sample"];
+    const IS_SINK: bool = false;
+
+    fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
 /// Where poses go.
 #[derive(Debug, Default)]
 pub struct PoseOutput {
@@ -153,6 +316,18 @@ impl StageOutput for PoseOutput {
     }
 }
 
+impl Followed for PoseOutput {
+    type Follower = PoseFollower;
+
+    fn note(&mut self, routed: &Routed<'_, Self>) {
+        tracking::count(&mut self.odometry, routed);
+    }
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        self.publish(routed)
+    }
+}
+
 /// Where map updates and snapshots go.
 #[derive(Debug, Default)]
 pub struct MapOutput {
@@ -163,6 +338,8 @@ pub struct MapOutput {
     /// Lets a test ask for a snapshot where no shared memory is connected.
     pub request_snapshot: bool,
     newest_only: bool,
+    /// Epoch of the mapper that began the map, where it was another.
+    map_epoch: Option<u32>,
     port: Option<MapPort>,
 }
 
@@ -192,6 +369,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
+        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
         let Some(port) = &self.port else {
             keep(&mut self.memory, self.newest_only, header, len, fill);
             return Ok(());
@@ -223,6 +401,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
+        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
         let Some(port) = &self.port else {
             keep(&mut self.snapshots, self.newest_only, header, len, fill);
             return Ok(());
@@ -247,6 +426,19 @@ impl StageOutput for MapOutput {
             epoch,
         };
         Ok(Self { port: Some(port), ..Self::default() })
+    }
+}
+
+impl Followed for MapOutput {
+    type Follower = MapFollower;
+
+    fn note(&mut self, routed: &Routed<'_, Self>) {
+        self.map_epoch = Some(routed.header.map_epoch);
+    }
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        let voxels = routed.voxels;
+        self.publish(routed.header, voxels.len(), |i| voxels.get(i).copied().unwrap_or_default())
     }
 }
 
@@ -291,6 +483,14 @@ impl StageOutput for GridOutput {
     }
 }
 
+impl Followed for GridOutput {
+    type Follower = AckFollower;
+
+    fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
+        Ok(())
+    }
+}
+
 /// For sinks that write files only.
 #[derive(Debug, Default)]
 pub struct NoOutput;
@@ -301,5 +501,13 @@ impl StageOutput for NoOutput {
 
     fn open(_bus: &Bus, _epoch: u32) -> Result<Self, PortError> {
         Ok(Self)
+    }
+}
+
+impl Followed for NoOutput {
+    type Follower = AckFollower;
+
+    fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
+        Ok(())
     }
 }

@@ -79,6 +79,7 @@ impl DataType {
     }
 
     /// Bytes of one record (one laser shot with all its echoes, or one IMU sample).
+    #[inline]
     pub fn record_bytes(self) -> usize {
         match self {
             Self::Cartesian => 13,
@@ -94,6 +95,7 @@ impl DataType {
     }
 
     /// Points in one record; an IMU record has none.
+    #[inline]
     pub fn echoes(self) -> usize {
         match self {
             Self::Imu => 0,

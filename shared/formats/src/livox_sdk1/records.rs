@@ -57,6 +57,7 @@ impl<'a> Datagram<'a> {
     }
 
     /// Point `index`; the echoes of one shot follow each other, so its shot is `index / echoes`.
+    #[inline]
     pub fn point(&self, index: usize) -> Option<LivoxPoint> {
         let echoes = self.header.data_type.echoes();
         let (shot, echo) = (index.checked_div(echoes)?, index.checked_rem(echoes)?);
@@ -78,14 +79,10 @@ impl<'a> Datagram<'a> {
         if self.header.data_type != DataType::Imu {
             return None;
         }
-        let mut values = [0.0; 6];
-        for (value, bytes) in values.iter_mut().zip(self.record(index)?.as_chunks::<4>().0) {
-            *value = f32::from_le_bytes(*bytes);
-        }
-        let [gx, gy, gz, ax, ay, az] = values;
-        Some(ImuRecord { gyro: [gx, gy, gz], accel_g: [ax, ay, az] })
+        imu(self.record(index)?)
     }
 
+    #[inline]
     fn record(&self, index: usize) -> Option<&'a [u8]> {
         let size = self.header.data_type.record_bytes();
         let start = index.checked_mul(size)?;
@@ -93,6 +90,17 @@ impl<'a> Datagram<'a> {
     }
 }
 
+/// A record of an IMU's six `f32`.
+pub(crate) fn imu(record: &[u8]) -> Option<ImuRecord> {
+    let mut values = [0.0; 6];
+    for (value, bytes) in values.iter_mut().zip(record.first_chunk::<24>()?.as_chunks::<4>().0) {
+        *value = f32::from_le_bytes(*bytes);
+    }
+    let [gx, gy, gz, ax, ay, az] = values;
+    Some(ImuRecord { gyro: [gx, gy, gz], accel_g: [ax, ay, az] })
+}
+
+#[inline]
 fn cartesian(bytes: &[u8]) -> Option<LivoxPoint> {
     let [x0, x1, x2, x3, y0, y1, y2, y3, z0, z1, z2, z3, reflectivity] = *bytes.first_chunk()?;
     let metres = |bytes| (f64::from(i32::from_le_bytes(bytes)) * 1e-3) as f32;
@@ -100,12 +108,14 @@ fn cartesian(bytes: &[u8]) -> Option<LivoxPoint> {
     Some(LivoxPoint { position, reflectivity, tag: 0 })
 }
 
-fn extended_cartesian(bytes: &[u8]) -> Option<LivoxPoint> {
+/// 14 bytes: x, y, z, reflectivity and tag.
+#[inline]
+pub(crate) fn extended_cartesian(bytes: &[u8]) -> Option<LivoxPoint> {
     Some(LivoxPoint { tag: *bytes.get(13)?, ..cartesian(bytes)? })
 }
 
 /// A record that begins with its depth; `angles` are the zenith and azimuth, reflectivity and perhaps a tag behind it.
-fn spherical(depth: &[u8], angles: &[u8], tagged: bool) -> Option<LivoxPoint> {
+pub(crate) fn spherical(depth: &[u8], angles: &[u8], tagged: bool) -> Option<LivoxPoint> {
     let reflectivity = *angles.get(4)?;
     let tag = if tagged { *angles.get(5)? } else { 0 };
     Some(LivoxPoint { position: position(depth, angles)?, reflectivity, tag })

@@ -124,7 +124,8 @@ impl<'a> Reader<'a> {
         let mut word = || {
             let pair = self.bytes.get(at..).and_then(|rest| rest.first_chunk::<2>());
             at += 2;
-            pair.map(|&pair| (u16::from_le_bytes(pair), at - 2)).ok_or_else(|| Fault::truncated(at - 2, "the tree"))
+            pair.map(|&pair| (u16::from_le_bytes(pair), at - 2))
+                .ok_or_else(|| Fault::truncated(at - 2, "the tree"))
         };
         // The codes of the children that are still to come, shifted so far that the next child's are lowest, the next
         // child, and the code, of each open ancestor.

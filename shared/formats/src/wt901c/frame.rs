@@ -6,7 +6,7 @@ pub const FRAME_BYTES: usize = 11;
 /// First byte of every frame.
 pub(super) const START: u8 = 0x55;
 
-/// Ids of the frames that evac reads; the others up to 0x5A, and 0x5F, are skipped over.
+/// Ids of frames.
 pub mod id {
     /// Date and time of the module's own clock, 1 ms resolution.
     pub const TIME: u8 = 0x50;
@@ -14,6 +14,24 @@ pub mod id {
     pub const ACCEL: u8 = 0x51;
     /// Angular velocity x, y, z and supply voltage.
     pub const GYRO: u8 = 0x52;
+    /// Roll, pitch, yaw and version.
+    pub const ANGLE: u8 = 0x53;
+    /// Magnetic field x, y, z and temperature.
+    pub const MAGNETOMETER: u8 = 0x54;
+    /// States of the ports D0 to D3.
+    pub const PORTS: u8 = 0x55;
+    /// Pressure and height.
+    pub const PRESSURE: u8 = 0x56;
+    /// Longitude and latitude.
+    pub const POSITION: u8 = 0x57;
+    /// Height, heading and speed by satellites.
+    pub const GPS: u8 = 0x58;
+    /// Quaternion q0 to q3.
+    pub const QUATERNION: u8 = 0x59;
+    /// Satellites and dilutions of precision.
+    pub const ACCURACY: u8 = 0x5a;
+    /// Answer to a read: four registers.
+    pub const REGISTERS: u8 = 0x5f;
 }
 
 /// A frame whose sum is right.

@@ -1,6 +1,20 @@
-//! What tests of damaged files share.
+//! What tests share.
+#![allow(dead_code, clippy::unwrap_used, reason = "each test uses some of it")]
 
 use proptest::prelude::*;
+use serde_json::Value;
+
+/// Bytes of a golden file's hexadecimal text.
+pub(crate) fn hex(text: &Value) -> Vec<u8> {
+    let text = text.as_str().unwrap();
+    (0..text.len()).step_by(2).map(|at| u8::from_str_radix(&text[at..at + 2], 16).unwrap()).collect()
+}
+
+/// A golden file, where it is there.
+pub(crate) fn json(relative: &str) -> Option<Value> {
+    let path = evac_testkit::data(relative)?;
+    Some(serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap())
+}
 
 /// Bytes with some overwritten, singly or by the extremes of a 32-bit word, and then cut.
 pub(crate) fn damaged(good: Vec<u8>) -> impl Strategy<Value = Vec<u8>> {

@@ -1,0 +1,7 @@
+//! The IMU driver as a process of its own.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    evac_stage::device_main::<evac_imu::Imu>(std::env::args_os())
+}

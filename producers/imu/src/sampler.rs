@@ -1,0 +1,184 @@
+//! From frames to samples with times.
+
+use evac_clock::{ClockFit, Quality, Settings};
+use evac_formats::wt901c::{Assembler, FRAME_BYTES, Frame, RawSample, Scales, content};
+use evac_frames::ImuSample;
+
+use crate::Config;
+
+/// The rate is measured over so many samples, and at least a second.
+const MEASURED_SAMPLES: u64 = 20;
+const MEASURED_NS: i64 = 1_000_000_000;
+/// A measured rate that is within this share of the nominal one is the nominal one with a clock that is off: arrivals alone do not
+/// tell a second's rate better.
+const RATE_TOLERANCE: f64 = 0.02;
+/// A pause of arrivals after which the count of samples means nothing, nanoseconds and periods.
+const PAUSE_NS: i64 = 100_000_000;
+const PAUSE_PERIODS: f64 = 20.0;
+/// The module's clock and its samples may disagree by this much before it is called a step, nanoseconds.
+const CLOCK_STEP_NS: i64 = 100_000_000;
+
+/// What a sampler has counted.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) struct SamplerCounts {
+    /// Whole samples.
+    pub(crate) whole: u64,
+    /// Samples that the module took and that did not arrive whole.
+    pub(crate) lost: u64,
+    /// Samples whose time was not known yet.
+    pub(crate) untimed: u64,
+    /// Steps of the module's clock.
+    pub(crate) clock_steps: u64,
+    /// Size of the newest, nanoseconds.
+    pub(crate) newest_step_ns: i64,
+    /// Times that the count of samples had to begin anew: pauses, and losses that nothing else showed.
+    pub(crate) restarts: u64,
+}
+
+/// Puts frames together, counts samples, and times them by the count.
+#[derive(Debug)]
+pub(crate) struct Sampler {
+    assembler: Assembler,
+    scales: Scales,
+    nominal_ns: f64,
+    /// Bytes of a sample, and of it those up to the gyroscope's last.
+    group_bytes: u64,
+    lead_bytes: f64,
+    byte_ns: f64,
+    rate: Rate,
+    fit: ClockFit,
+    /// Period that `fit` is for.
+    period_ns: f64,
+    last_stamp_ns: i64,
+    index: u64,
+    last: Option<(RawSample, i64)>,
+    pub(crate) counts: SamplerCounts,
+}
+
+/// How many samples come in a second.
+#[derive(Debug, Clone, Copy)]
+enum Rate {
+    Measuring { samples: u64, since: Option<(RawSample, i64)> },
+    Known,
+}
+
+impl Sampler {
+    pub(crate) fn new(config: &Config) -> Self {
+        let frames = config.content();
+        let before = 2 + u64::from(frames & content::TIME != 0);
+        let scales = Scales {
+            accel: config.accel_range_g * config.one_g_m_s2 / 32768.0,
+            gyro: config.gyro_range_dps.to_radians() / 32768.0,
+        };
+        Self {
+            assembler: Assembler::default(),
+            scales,
+            nominal_ns: 1e9 / config.rate_hz,
+            group_bytes: u64::from(frames.count_ones()) * FRAME_BYTES as u64,
+            lead_bytes: (before * FRAME_BYTES as u64) as f64,
+            byte_ns: 0.0,
+            rate: Rate::Measuring { samples: 0, since: None },
+            fit: ClockFit::new(Settings::samples(config.rate_hz)),
+            period_ns: 1e9 / config.rate_hz,
+            last_stamp_ns: i64::MIN,
+            index: 0,
+            last: None,
+            counts: SamplerCounts::default(),
+        }
+    }
+
+    /// A stream begins, on a line of this speed.
+    pub(crate) fn begin(&mut self, baud: u32) {
+        self.byte_ns = 1e10 / f64::from(baud);
+        self.rate = Rate::Measuring { samples: 0, since: None };
+        self.assembler = Assembler::default();
+        self.last = None;
+        // What was learnt about the clock's rate stays.
+        self.fit.restart();
+        if self.period_ns != self.nominal_ns {
+            self.fit = ClockFit::new(Settings::samples(1e9 / self.nominal_ns));
+            self.period_ns = self.nominal_ns;
+        }
+    }
+
+    /// Samples per second, by the host's clock; `None` before it is known.
+    pub(crate) fn rate_hz(&self) -> Option<f64> {
+        let slower = 1.0 + self.fit.quality().drift_ppm * 1e-6;
+        matches!(self.rate, Rate::Known).then(|| 1e9 / (self.period_ns * slower))
+    }
+
+    pub(crate) fn quality(&self) -> Quality {
+        self.fit.quality()
+    }
+
+    /// Takes in a frame whose last byte came at `byte_ns` at the latest, read at `arrival_ns`; a sample when it completes one
+    /// and its time is known.
+    pub(crate) fn push(&mut self, frame: &Frame, byte_ns: i64, arrival_ns: i64) -> Option<ImuSample> {
+        let raw = self.assembler.push(frame)?;
+        self.counts.whole += 1;
+        self.measure(raw, byte_ns);
+        self.count(&raw, byte_ns, self.period_ns);
+        self.last = Some((raw, byte_ns));
+        let seen = self.fit.observe(self.index, byte_ns);
+        self.counts.restarts += u64::from(seen.step.is_some());
+        let Some(stamp_ns) = seen.stamp_ns.filter(|stamp_ns| *stamp_ns > self.last_stamp_ns) else {
+            self.counts.untimed += 1;
+            return None;
+        };
+        self.last_stamp_ns = stamp_ns;
+        Some(ImuSample {
+            // When the module began to send it.
+            stamp_ns: stamp_ns - (self.lead_bytes * self.byte_ns) as i64,
+            arrival_ns,
+            gyro: self.scales.gyro(raw.gyro),
+            accel: self.scales.accel(raw.accel),
+            ..ImuSample::default()
+        })
+    }
+
+    fn measure(&mut self, raw: RawSample, byte_ns: i64) {
+        let Rate::Measuring { samples, since } = &mut self.rate else { return };
+        let (first, first_ns) = *since.get_or_insert((raw, byte_ns));
+        *samples += 1;
+        let elapsed_ns = byte_ns - first_ns;
+        if *samples <= MEASURED_SAMPLES || elapsed_ns < MEASURED_NS {
+            return;
+        }
+        // By the module's clock where it is sane: arrivals come in lumps.
+        let own_ns = first.time_ns.zip(raw.time_ns).map(|(first, last)| last - first);
+        let own_ns = own_ns.filter(|own| (own - elapsed_ns).abs() < CLOCK_STEP_NS);
+        let measured_ns = own_ns.unwrap_or(elapsed_ns) as f64 / (*samples - 1) as f64;
+        let off = measured_ns / self.nominal_ns - 1.0;
+        let period_ns = if off.abs() < RATE_TOLERANCE { self.nominal_ns } else { measured_ns };
+        self.rate = Rate::Known;
+        if self.period_ns != period_ns {
+            self.fit = ClockFit::new(Settings::samples(1e9 / period_ns));
+            self.period_ns = period_ns;
+        }
+    }
+
+    /// Moves the count on to `raw`: by its time on the module's clock, or by the bytes since the sample before.
+    fn count(&mut self, raw: &RawSample, byte_ns: i64, period_ns: f64) {
+        let Some((last, last_ns)) = self.last else { return };
+        let pause_ns = PAUSE_NS.max((PAUSE_PERIODS * period_ns) as i64);
+        let by_bytes = ((raw.offset - last.offset) as f64 / self.group_bytes as f64).round().max(1.0);
+        let by_time = last.time_ns.zip(raw.time_ns).map(|(last, now)| (now - last) as f64 / period_ns);
+        let silent_ns = byte_ns - last_ns;
+        let mut steps = by_bytes;
+        if let Some(by_time) = by_time {
+            let host = silent_ns as f64 / period_ns;
+            let disagrees = |a: f64, b: f64| (a - b).abs() * period_ns > CLOCK_STEP_NS as f64;
+            if disagrees(by_time, host) && disagrees(by_time, by_bytes) {
+                self.counts.clock_steps += 1;
+                self.counts.newest_step_ns = ((by_time - by_bytes) * period_ns) as i64;
+            } else {
+                steps = by_time.round().max(1.0);
+            }
+        } else if silent_ns > pause_ns {
+            self.fit.restart();
+            self.counts.restarts += 1;
+        }
+        self.index += steps as u64;
+        self.counts.lost += steps as u64 - 1;
+    }
+}
