@@ -4,7 +4,8 @@
 //! on everywhere: a stopped or dead subscriber never stalls a publisher; what it misses shows as a gap in `seq`.
 
 use evac_frames::{
-    Ack, GridHeader, Health, ImuSample, Layout, MapHeader, Point, PoseFrame, Route, ScanHeader, Voxel,
+    Ack, GridHeader, Health, ImuAttitude, ImuSample, Layout, MapHeader, Point, PoseFrame, Route, ScanHeader,
+    Voxel,
 };
 
 /// Quality of service of one service.
@@ -142,6 +143,15 @@ impl RecordService for Imu {
     // scans come at once. History covers the start of a stage that joins between two scans.
     const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 64, ..FRAMES };
     type Record = ImuSample;
+}
+
+/// An IMU's own attitude and magnetometer.
+#[derive(Debug, Clone, Copy)]
+pub struct Attitude;
+impl RecordService for Attitude {
+    const NAME: &'static str = "imu/attitude";
+    const QOS: Qos = Qos { buffer: 256, borrowed: 2, history: 0, ..FRAMES };
+    type Record = ImuAttitude;
 }
 
 /// Poses of the routed odometry.
