@@ -7,14 +7,16 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use super::super::now_ns;
+use evac_formats::livox_sdk2::ports;
+
 use super::config::{LivoxConfig, LivoxProtocol, TimeSource};
 use super::faults::{Faults, Faulty};
 use super::scene::Scene;
 use super::sdk1::Sdk1;
 use super::sdk2::Sdk2;
 use super::sender::Sender;
-use evac_formats::livox_sdk2::ports;
+use crate::FRAME_NS;
+use crate::devices::now_ns;
 
 /// Port of a device of the first protocol for commands.
 const SDK1_COMMAND: u16 = 65000;
@@ -272,12 +274,17 @@ impl Running {
         self.next = Some((next_ns, shot));
     }
 
-    /// Measuring begins, or goes on with the shot that is due by now: the world does not wait for a device.
+    /// Measuring begins at a whole tenth of a second of the device's clock, or goes on with the shot that is due by now: the
+    /// world does not wait for a device.
     fn begin(&self, now: i64) -> (i64, u64) {
         let packet_ns = self.sender.packet_ns();
-        let _ = self.shared.began_ns.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
-        let began = self.shared.began_ns.load(Ordering::Relaxed);
-        let packets = (now - began) / packet_ns;
+        let first = now + (self.powered_ns - now).rem_euclid(FRAME_NS);
+        let began = match self.shared.began_ns.load(Ordering::Relaxed) {
+            0 => first,
+            began => began,
+        };
+        self.shared.began_ns.store(began, Ordering::Relaxed);
+        let packets = (now - began).max(0) / packet_ns;
         (began + packets * packet_ns, packets.unsigned_abs() * self.sender.packet_shots() as u64)
     }
 }
