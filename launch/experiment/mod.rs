@@ -6,6 +6,9 @@ mod process;
 mod runs;
 mod soak;
 mod soak_report;
+mod swaps;
+mod swaps_monitor;
+mod swaps_report;
 mod table1;
 
 use std::io::Write as _;
@@ -32,6 +35,7 @@ pub(crate) fn experiment(args: &ExperimentArgs) -> Result<(), LaunchError> {
         Experiment::Honesty(args) => told(args),
         Experiment::Table1(args) => table1::table1(args),
         Experiment::Soak(args) => soak::soak(args),
+        Experiment::Swaps(args) => swaps::swaps(args),
     }
 }
 
