@@ -174,7 +174,9 @@ fn an_instance_that_dies_hangs_or_is_wrong_leaves_the_old_one_as_it_was() {
         std::fs::set_permissions(script, std::fs::Permissions::from_mode(0o755)).unwrap();
     }
     let refused = |words: &[&str], reason: &[&str]| {
-        let ended = bench.run([words, &["--domain", bench.domain.name()]].concat());
+        // What follows --run is the executable's.
+        let (command, rest) = words.split_first().unwrap();
+        let ended = bench.run([&[*command, "--domain", bench.domain.name()], rest].concat());
         assert_ne!(ended.code, 0, "{}", ended.stderr);
         assert!(reason.iter().all(|word| ended.stderr.contains(word)), "{}", ended.stderr);
     };
