@@ -52,15 +52,22 @@ pub(crate) enum Command {
     Status(StatusArgs),
     /// Check a pipeline file without starting anything
     Check(CheckArgs),
+    /// Find what would stop or spoil a run on this machine, and say what to do
+    ///
+    /// Shared memory, clocks, processor, serial ports, socket buffers, and the devices of a pipeline file. Code 4 where
+    /// something would stop a run.
+    Doctor(crate::doctor::DoctorArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
+        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, \
+                      map_saver, recorder"
     )]
     Stage(StageArgs),
-    /// Turn a point cloud into an octree file
+    /// Turn a point cloud into octree files, voxel centres and flat maps
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
-    Convert(ConvertArgs),
+    #[command(after_help = crate::convert::CONVERT_HELP)]
+    Convert(crate::convert::ConvertArgs),
     /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
     Experiment(crate::experiment::ExperimentArgs),
     /// Compare trajectories with the truth
@@ -128,6 +135,9 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
+    #[arg(long, conflicts_with = "record")]
+    pub(crate) devices: bool,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
@@ -258,22 +268,6 @@ pub(crate) struct StageArgs {
     pub(crate) kind: String,
     #[command(flatten)]
     pub(crate) options: RunOptions,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct ConvertArgs {
-    /// Point cloud (PCD: ascii, binary or compressed)
-    #[arg(value_name = "CLOUD.pcd")]
-    pub(crate) cloud: PathBuf,
-    /// Edge of a voxel, metres
-    #[arg(long, value_name = "METRES")]
-    pub(crate) resolution: f64,
-    /// Leave the ground of all levels out
-    #[arg(long)]
-    pub(crate) remove_ground: bool,
-    /// Octree file, .bt (occupied or free) or .ot (log-odds)
-    #[arg(short, long, value_name = "MAP.bt|MAP.ot")]
-    pub(crate) output: PathBuf,
 }
 
 #[derive(Debug, Args)]

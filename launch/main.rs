@@ -6,6 +6,9 @@ mod child;
 mod cli;
 mod control;
 mod convert;
+mod cpu;
+mod devices;
+mod doctor;
 mod drift;
 mod error;
 mod eval;
@@ -54,6 +57,7 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Standby(args) => control::standby(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
+        Command::Doctor(args) => doctor::doctor(&args),
         Command::Stage(args) => registry::run_stage(&args),
         Command::Convert(args) => convert::convert(&args),
         Command::Experiment(args) => experiment::experiment(&args),

@@ -10,6 +10,7 @@ mod swaps;
 mod swaps_monitor;
 mod swaps_report;
 mod table1;
+mod table2;
 
 use std::io::Write as _;
 use std::path::Path;
@@ -34,6 +35,7 @@ pub(crate) fn experiment(args: &ExperimentArgs) -> Result<(), LaunchError> {
         Experiment::Faults(args) => laid_over(args),
         Experiment::Honesty(args) => told(args),
         Experiment::Table1(args) => table1::table1(args),
+        Experiment::Table2(args) => table2::table2(args),
         Experiment::Soak(args) => soak::soak(args),
         Experiment::Swaps(args) => swaps::swaps(args),
     }

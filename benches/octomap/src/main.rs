@@ -167,7 +167,9 @@ fn run(
     }
     match scans.last() {
         Some(last) if case.queries() => {
-            Ok(all_same & queries::compare(&ours.map, last.origin, case.max_range, theirs.as_ref(), folder)?)
+            let count = scans.len();
+            Ok(all_same
+                & queries::compare(&ours.map, last.origin, case.max_range, count, theirs.as_ref(), folder)?)
         }
         _ => Ok(all_same),
     }

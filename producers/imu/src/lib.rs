@@ -7,10 +7,11 @@ mod config;
 mod driver;
 mod link;
 mod note;
+mod probe;
 mod rest;
 mod sampler;
 mod session;
 
 pub use config::{Config, Protocol};
 pub use driver::Imu;
-pub use link::{by_id, latency_timer_ms};
+pub use probe::{Found, probe};

@@ -1,6 +1,6 @@
 //! Joins scans and IMU samples in the order of time.
 
-use evac_frames::{ImuSample, Point, ScanHeader, frame_flags};
+use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader, frame_flags};
 use evac_stage::{Counters, Rig, SensorEvent, Source, StageConfig, StageError};
 
 use crate::streams::{Recording, SECOND};
@@ -81,6 +81,10 @@ impl Source for Replay {
 
     fn point(&mut self, index: usize) -> Point {
         self.points.get(index).copied().unwrap_or_default()
+    }
+
+    fn truth(&self) -> Option<PoseFrame> {
+        self.recording.scans.truth()
     }
 
     fn counters(&self) -> Counters {

@@ -227,7 +227,8 @@ fn missing_and_empty_and_swapped_files_are_named() {
     );
     says(&error_of(config(imu, lidar.clone())), &["wt901c.bin", "byte 0", "WT901C byte log, not a pcap"]);
     says(&error_of(config(lidar.clone(), lidar.clone())), &["lidar.pcap", "byte 0", "no WT901C frame"]);
-    for (path, words) in [(nowhere, "check the path"), (empty, "the file is empty"), (lidar, "no ROS 1 bag")]
+    for (path, words) in
+        [(nowhere, "check the path"), (empty, "the file is empty"), (lidar, "this is no bag")]
     {
         says(&error_of(Config { bag: Some(path), ..Config::default() }), &[words]);
     }

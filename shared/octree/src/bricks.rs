@@ -149,6 +149,13 @@ impl Bricks {
         (&mut self.stores[shard], index)
     }
 
+    /// Before a scan: gives numbers of values that have gone to new ones, where few are left.
+    pub(crate) fn recycle_states(&mut self) {
+        if self.palette.is_nearly_full() {
+            self.palette.recycle(|used| self.stores.iter().for_each(|store| store.mark_states(used)));
+        }
+    }
+
     /// All stores, for threads, and what their states mean.
     pub(crate) fn stores_mut(&mut self) -> (&mut [Store], &mut Palette) {
         (&mut self.stores, &mut self.palette)

@@ -68,7 +68,9 @@ impl Ray<'_> {
                 (brick, here) = (now, self.here(now, &mut near));
             }
             let passed = match here {
-                Here::Unknown(extent) if self.through_unknown => walk.leave(extent, safe),
+                Here::Unknown(extent) if self.through_unknown => {
+                    walk.leave(extent, safe) || walk.leave(Extent::Brick, safe)
+                }
                 Here::Uniform(Occupancy::Free) => walk.leave(Extent::Brick, safe),
                 Here::Mixed { words: 0, .. } if self.through_unknown => walk.leave(Extent::Brick, safe),
                 _ => false,

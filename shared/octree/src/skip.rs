@@ -95,13 +95,9 @@ impl Skipper {
         let tolerance = first * TOLERANCE;
         self.certain &= low.max(high.min(z)) - first > tolerance;
         let out = if x == first { 0 } else { usize::from(y != first) + 1 };
-        for axis in 0..3 {
+        for (axis, within) in within.into_iter().enumerate() {
             if axis == out {
-                self.key[axis] = if self.forward[axis] {
-                    self.key[axis] + within[axis] as u16
-                } else {
-                    self.key[axis] - within[axis] as u16
-                };
+                self.walk(axis, within);
                 self.crossing[axis] = first + self.spacing[axis];
                 self.step(axis);
                 continue;
@@ -116,15 +112,19 @@ impl Skipper {
             self.certain &= ahead > tolerance
                 && next - first > tolerance
                 && first - (next - self.spacing[axis]) > tolerance
-                && steps <= within[axis];
-            let steps = steps as u16;
-            let key = self.key[axis];
-            self.key[axis] =
-                if self.forward[axis] { key.wrapping_add(steps) } else { key.wrapping_sub(steps) };
+                && steps <= within;
+            self.walk(axis, steps);
             self.crossing[axis] = next;
         }
         self.note();
         true
+    }
+
+    /// So many voxels along an axis, within the cube.
+    #[inline]
+    fn walk(&mut self, axis: usize, steps: f64) {
+        let (key, steps) = (self.key[axis], steps as u16);
+        self.key[axis] = if self.forward[axis] { key.wrapping_add(steps) } else { key.wrapping_sub(steps) };
     }
 
     /// One voxel along an axis.

@@ -41,7 +41,7 @@ pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
 pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
-pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
+pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
 pub use output::{

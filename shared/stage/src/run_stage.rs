@@ -85,7 +85,8 @@ where
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
 {
     let Some((context, config)) = prepare::<S::Config>(S::NAME, options)? else { return Ok(()) };
-    let stage = S::new(config, &context.rig)?;
+    let mut stage = S::new(config, &context.rig)?;
+    stage.begin(&context.pipeline_text()?)?;
     let bus = Bus::join(&context.domain, &context.name)?;
     let lossless = context.mode == evac_config::Mode::Lossless;
     let join_options = JoinOptions::new(lossless, context.has_kind(ODOMETRY_KINDS));
@@ -276,6 +277,7 @@ where
         if frame.seq < leads_from {
             return Ok(true);
         }
+        let Some(frame) = self.join.done(&frame) else { return Ok(true) };
         self.last_seq = Some(frame.seq);
         self.ended = frame.flags & frame_flags::END_OF_STREAM != 0;
         if self.ended {

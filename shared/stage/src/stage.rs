@@ -23,6 +23,15 @@ pub trait Stage: Sized {
     /// [`StageError::Config`] for values that do not fit together or with the rig.
     fn new(config: Self::Config, rig: &Rig) -> Result<Self, StageError>;
 
+    /// Called once before the first frame with the whole pipeline as TOML, empty for a stage that runs without one. For stages
+    /// that describe what they write.
+    ///
+    /// # Errors
+    /// As `new`.
+    fn begin(&mut self, _pipeline: &str) -> Result<(), StageError> {
+        Ok(())
+    }
+
     /// Handles one frame. After warm-up it neither allocates nor locks.
     ///
     /// # Errors

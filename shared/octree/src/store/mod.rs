@@ -3,6 +3,7 @@
 mod floats;
 mod forms;
 mod shape;
+mod tidy;
 mod update;
 mod within;
 mod write;
@@ -60,6 +61,8 @@ pub(crate) struct Store {
     /// Slots without a brick.
     free: Vec<u32>,
     units: Units,
+    /// The slot that [`Self::tidy`] looked at last.
+    cursor: usize,
 }
 
 impl Store {
@@ -234,6 +237,31 @@ impl Store {
         ground.iter_mut().zip(flags).for_each(|(word, less)| *word &= !less);
         if mask::is_empty(ground) {
             self.units.remove(std::mem::replace(&mut slot.ground, NO_GROUND), 1);
+        }
+    }
+
+    /// Notes which states occur, by state.
+    pub(crate) fn mark_states(&self, used: &mut [bool]) {
+        for (index, slot) in self.slots.iter().enumerate() {
+            match slot.form {
+                Form::Uniform(state) => used[usize::from(state)] = true,
+                Form::Planes { planes, entries, at } if entries > 0 => {
+                    let (_, table) = self.parts(planes, entries, at);
+                    (0..u16::from(entries))
+                        .for_each(|number| used[usize::from(state_of(table, number))] = true);
+                }
+                Form::Planes { planes, entries, at } => {
+                    let (planes, _) = self.parts(planes, entries, at);
+                    for (word, mut left) in self.known(index as u32).into_iter().enumerate() {
+                        while left != 0 {
+                            let (same, state) = planes::alike(planes, word, left);
+                            left &= !same;
+                            used[usize::from(state)] = true;
+                        }
+                    }
+                }
+                Form::Floats(_) => {}
+            }
         }
     }
 

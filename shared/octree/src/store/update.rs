@@ -80,7 +80,8 @@ impl Store {
             slot.occupied |= mask::words(marks.free);
         }
         // Who has walked on leaves words without occupied voxels. That is looked for now and then.
-        let look = slot.occupied != 0 && sums.occupied == 0 && sums.changed > 0 && (scan ^ index) % 8 == 0;
+        let look =
+            slot.occupied != 0 && sums.occupied == 0 && sums.changed > 0 && (scan ^ index).is_multiple_of(8);
         slot.seen = scan;
         if sums.changed > 0 {
             slot.revision = revision;

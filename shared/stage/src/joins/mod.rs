@@ -9,6 +9,7 @@ mod scan_imu;
 mod scan_pose;
 mod seq;
 mod sink;
+mod tap;
 
 use evac_frames::{FrameHeader, Route};
 use evac_ports::{Bus, Listener, PortError};
@@ -17,6 +18,7 @@ pub use plan::PlanJoin;
 pub use scan_imu::{DeskewedScanWithImu, RawScanWithImu, ScanImuJoin};
 pub use scan_pose::ScanPoseJoin;
 pub use sink::SinkJoin;
+pub use tap::TapJoin;
 
 use crate::Reporter;
 
@@ -77,6 +79,12 @@ pub trait Join: Sized {
         reporter: &mut Reporter,
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R>;
+
+    /// The frame that is done with once the set counted as `frame` has been processed, which a sink acknowledges: usually the
+    /// same one.
+    fn done(&mut self, frame: &FrameHeader) -> Option<FrameHeader> {
+        Some(*frame)
+    }
 
     /// Host monotonic time at which `next` will go on without what has not come.
     fn deadline_ns(&self) -> Option<i64> {

@@ -14,6 +14,11 @@ impl SeqTracker {
         self.next = Some(seq.saturating_add(1));
         Some(gap)
     }
+
+    /// The number after the last one; `None` before the first.
+    pub(crate) fn passed(&self) -> Option<u64> {
+        self.next
+    }
 }
 
 #[cfg(test)]
