@@ -228,7 +228,7 @@ pub(crate) struct SwapArgs {
     /// Another kind that writes the same, for example loam in the place of lio
     #[arg(long)]
     pub(crate) kind: Option<String>,
-    /// Another executable that keeps the contract, and its first arguments
+    /// Another executable that keeps the contract, and its first arguments; to be given last
     #[arg(long, value_name = "EXECUTABLE", num_args = 1.., allow_hyphen_values = true)]
     pub(crate) run: Option<Vec<PathBuf>>,
     /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]

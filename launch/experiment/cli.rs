@@ -38,6 +38,32 @@ pub(crate) enum Experiment {
     /// Simulator, deskewer and lio run as processes over shared memory, as fast as they go. Prints one line a simulated
     /// minute and writes soak.json, soak.png and pipeline.toml.
     Soak(SoakArgs),
+    /// Swap stage after stage in a walk: is a frame lost, does one come twice, does the pose jump?
+    ///
+    /// The whole pipeline runs as processes in real time; deskewer, odometry (lio and loam in turn), mapper, grid exporter and
+    /// map saver are swapped one after the other. Prints the figures and writes swaps.json beside the results of the walk.
+    Swaps(SwapsArgs),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SwapsArgs {
+    /// How many swaps
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(crate) swaps: u32,
+    /// Kill the instance that leads (SIGKILL) beside a standby instead
+    #[arg(long)]
+    pub(crate) kill: bool,
+    /// Seed of noise, biases and gait
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-swaps")]
+    pub(crate) output: PathBuf,
+    /// Space of shared-memory services [default: one of its own, so that several can run at once]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+    #[command(flatten)]
+    pub(crate) log: evac_stage::LogOptions,
 }
 
 const COLUMNS: &str = "Columns (metres, degrees, milliseconds):\n  \

@@ -6,6 +6,9 @@ mod process;
 mod runs;
 mod soak;
 mod soak_report;
+mod swaps;
+mod swaps_monitor;
+mod swaps_report;
 mod table1;
 mod table2;
 
@@ -34,6 +37,7 @@ pub(crate) fn experiment(args: &ExperimentArgs) -> Result<(), LaunchError> {
         Experiment::Table1(args) => table1::table1(args),
         Experiment::Table2(args) => table2::table2(args),
         Experiment::Soak(args) => soak::soak(args),
+        Experiment::Swaps(args) => swaps::swaps(args),
     }
 }
 
