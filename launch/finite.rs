@@ -71,6 +71,9 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
     if let Some(truth) = &args.truth {
         existing(truth)?;
     }
+    if let Some(rate) = args.rate {
+        (pipeline.mode, pipeline.rate) = (Mode::Live, rate);
+    }
     let own = format!("map-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
     let run = Run {
@@ -85,7 +88,11 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
 
 /// The replay's keys for a recording, whose files are there.
 pub(crate) fn keys_of(recording: &RecordingArgs) -> Result<Vec<(&'static str, Value)>, LaunchError> {
-    let mut keys = vec![("allow_truncated", Value::from(recording.allow_truncated))];
+    let mut keys = vec![
+        ("allow_truncated", Value::from(recording.allow_truncated)),
+        ("start_s", Value::from(recording.start)),
+        ("duration_s", Value::from(recording.duration)),
+    ];
     match (&recording.bag, &recording.lidar) {
         (Some(bag), _) => keys.push(("bag", existing_bag(bag)?)),
         (None, Some(lidar)) => {
