@@ -150,9 +150,9 @@ fn what_cannot_be_converted_is_named_with_a_remedy() {
     assert!(!bench.path("map.bt").exists());
     bench
         .run(["convert", "cut.ply", "-r", "0.1", "-o", "map.xyz"])
-        .expect_error(2, &["map.xyz", ".bt", ".png"]);
+        .expect_error(3, &["map.xyz", ".bt", ".png"]);
     let args = ["convert", "cut.ply", "-r", "0.1", "--outlier-radius", "0", "-o", "map.bt"];
-    bench.run(args).expect_error(2, &["radius = 0"]);
+    bench.run(args).expect_error(3, &["radius = 0"]);
 }
 
 #[test]
