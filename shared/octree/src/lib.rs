@@ -1,8 +1,8 @@
 //! A sparse voxel map with OctoMap's exact semantics: same keys, same rays, same `f32` log-odds, same files.
 //!
 //! The map is [`OctreeMap`]. Inside it is no octree: voxels of the finest level live in bricks of 8 x 8 x 8, found
-//! through a directory of tiles and numbered in Morton order, which is the order of an octree's leaves. The tree with its
-//! inner nodes is built only for files ([`OctreeMap::to_tree`]). All points are `f32` metres in the map frame.
+//! through a directory of tiles and numbered in Morton order, which is the order of an octree's leaves. A tree with its
+//! inner nodes is built only where one is asked for ([`OctreeMap::to_tree`]). All points are `f32` metres in the map frame.
 //!
 //! - A voxel is kept as the number of its exact value. A brick has as many bit planes as its numbers need (2 to 7, or 16),
 //!   and none where all its voxels are equal; an update works on all equal voxels of a word at once.
@@ -15,6 +15,11 @@
 //! scan's changes ([`OctreeMap::changes`]) and those since a moment ([`OctreeMap::for_each_changed_since`]). What can be
 //! taken out: a box, all but a box, what was not seen again ([`OctreeMap::forget_unseen`], [`OctreeMap::fade_unseen`]).
 //! Two maps can be merged ([`OctreeMap::merge`]).
+//!
+//! Files are OctoMap's, byte for byte: [`OctreeMap::ot_bytes`], [`OctreeMap::bt_bytes`], [`OctreeMap::read`]. Memory has a ceiling
+//! ([`MapConfig::max_bytes`]): from seven eighths of it on no new place is taken in, and what is in the map keeps being updated.
+//! Errors are [`MapError`] for maps that cannot be, [`ReadError`] for files, [`Rejected`] for single voxels; a scan counts what it
+//! drops ([`ScanReport`]).
 //!
 //! ```
 //! use evac_octree::{MapConfig, Occupancy, OctreeMap, Scan, ScanOptions};

@@ -78,8 +78,8 @@ impl OctreeMap {
     /// Same voxels and values as OctoMap's `insertPointCloud`; ground and misses as `octomap_server` adds ground points,
     /// except that the voxel of a ground point is free, too. A point or origin without a key is dropped and counted.
     ///
-    /// Allocates only while a scan touches more bricks than any before, for new bricks, for bricks that need more bits and
-    /// for values that never occurred before (each doubling of the palette); and to start further threads.
+    /// Allocates for new bricks, and until the memory to work in, and that of bricks whose values move, has found its size; a place that is
+    /// scanned again and again then allocates nothing. Starting further threads allocates.
     pub fn insert_scan(&mut self, scan: &Scan<'_>, options: &ScanOptions) -> ScanReport {
         let mut report = ScanReport::default();
         self.marks.clear();

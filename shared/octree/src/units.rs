@@ -45,7 +45,7 @@ impl Units {
     /// Some more pages, in proportion to what is there, so that a use that goes up and down seldom needs any.
     #[cold]
     fn grow(&mut self) {
-        let more = 1 + self.pages.len() / 16;
+        let more = 2 + self.pages.len() / 16;
         self.pages.reserve_exact(more);
         for _ in 0..more {
             self.pages.push(Box::new([[0; 8]; PAGE]));
