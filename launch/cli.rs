@@ -59,13 +59,15 @@ pub(crate) enum Command {
     Doctor(crate::doctor::DoctorArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver, recorder"
+        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, \
+                      map_saver, recorder"
     )]
     Stage(StageArgs),
-    /// Turn a point cloud into an octree file
+    /// Turn a point cloud into octree files, voxel centres and flat maps
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
-    Convert(ConvertArgs),
+    #[command(after_help = crate::convert::CONVERT_HELP)]
+    Convert(crate::convert::ConvertArgs),
     /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
     Experiment(crate::experiment::ExperimentArgs),
     /// Compare trajectories with the truth
@@ -85,7 +87,10 @@ const EVAL_HELP: &str = "Trajectories are TUM files, `seconds tx ty tz qx qy qz 
 
 pub(crate) const MAP_HELP: &str = "Recordings:\n  \
     WALK.bag               ROS 1 bag: livox_ros_driver/CustomMsg or sensor_msgs/PointCloud2, and sensor_msgs/Imu\n  \
-    --lidar X.pcap         UDP capture of a Livox SDK1 device\n  \
+    WALK.mcap, WALK.db3    ROS 2 bag with the same messages, or livox_ros_driver2/CustomMsg; or its folder\n  \
+    recordings/NAME        folder of evac's own recorder: the same poses and maps as when it was recorded\n  \
+    --lidar X.pcap         UDP capture of a Livox device, of either protocol (SDK1, SDK2)\n  \
+    --lidar X.lvx, X.lvx2  recording of Livox Viewer: LVX 1.0, 1.1, LVX2\n  \
     --imu Y.bin            bytes of a WT901C as they came over the serial line; a log without time frames is\n                         \
     taken as evenly sampled from the first LiDAR packet's device time on\n\n\
     Rig file:\n  [rig.imu_from_lidar]\n  translation_m = [0.05, -0.02, 0.06]       # LiDAR origin in the IMU frame\n  \
@@ -133,6 +138,9 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
+    #[arg(long, conflicts_with = "record")]
+    pub(crate) devices: bool,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
@@ -148,11 +156,11 @@ pub(crate) struct DemoArgs {
 /// A recording and the rig that it was made with.
 #[derive(Debug, Args)]
 pub(crate) struct RecordingArgs {
-    /// ROS 1 bag with LiDAR and IMU
-    #[arg(value_name = "WALK.bag", required_unless_present = "lidar", conflicts_with_all = ["lidar", "imu"])]
+    /// Bag with LiDAR and IMU: ROS 1, ROS 2 (MCAP, db3) or evac's own recorder; a file or a folder
+    #[arg(value_name = "WALK", required_unless_present = "lidar", conflicts_with_all = ["lidar", "imu"])]
     pub(crate) bag: Option<PathBuf>,
-    /// UDP capture of a Livox SDK1 device
-    #[arg(long, value_name = "X.pcap")]
+    /// UDP capture of a Livox device, or a recording of Livox Viewer
+    #[arg(long, value_name = "X.pcap|X.lvx|X.lvx2")]
     pub(crate) lidar: Option<PathBuf>,
     /// Byte log of a WT901C [default: the LiDAR's own IMU in the capture]
     #[arg(long, value_name = "Y.bin", requires = "lidar")]
@@ -163,6 +171,12 @@ pub(crate) struct RecordingArgs {
     /// Added to the byte log's times
     #[arg(long, value_name = "MS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(crate) imu_offset_ms: f64,
+    /// Leave out this much at the start
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    pub(crate) start: f64,
+    /// End after this much [default: at the recording's end]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, hide_default_value = true)]
+    pub(crate) duration: f64,
     /// Use a recording that was cut, up to the cut
     #[arg(long)]
     pub(crate) allow_truncated: bool,
@@ -183,6 +197,9 @@ pub(crate) struct MapArgs {
     /// Edge of a voxel, metres
     #[arg(long, value_name = "METRES")]
     pub(crate) resolution: Option<f64>,
+    /// Run live, this many times faster than it was recorded, instead of lossless and as fast as it goes
+    #[arg(long, value_name = "FACTOR")]
+    pub(crate) rate: Option<f64>,
     /// True trajectory; adds the drift to the summary
     #[arg(long, value_name = "TRUTH.tum")]
     pub(crate) truth: Option<PathBuf>,
@@ -223,7 +240,7 @@ pub(crate) struct SwapArgs {
     /// Another kind that writes the same, for example loam in the place of lio
     #[arg(long)]
     pub(crate) kind: Option<String>,
-    /// Another executable that keeps the contract, and its first arguments
+    /// Another executable that keeps the contract, and its first arguments; to be given last
     #[arg(long, value_name = "EXECUTABLE", num_args = 1.., allow_hyphen_values = true)]
     pub(crate) run: Option<Vec<PathBuf>>,
     /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]
@@ -263,22 +280,6 @@ pub(crate) struct StageArgs {
     pub(crate) kind: String,
     #[command(flatten)]
     pub(crate) options: RunOptions,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct ConvertArgs {
-    /// Point cloud (PCD: ascii, binary or compressed)
-    #[arg(value_name = "CLOUD.pcd")]
-    pub(crate) cloud: PathBuf,
-    /// Edge of a voxel, metres
-    #[arg(long, value_name = "METRES")]
-    pub(crate) resolution: f64,
-    /// Leave the ground of all levels out
-    #[arg(long)]
-    pub(crate) remove_ground: bool,
-    /// Octree file, .bt (occupied or free) or .ot (log-odds)
-    #[arg(short, long, value_name = "MAP.bt|MAP.ot")]
-    pub(crate) output: PathBuf,
 }
 
 #[derive(Debug, Args)]

@@ -24,6 +24,11 @@ pub struct GridExporterConfig {
     /// Lower and upper end of the height band in metres: what a person or a robot would bump into. Below 0.2 m lie
     /// thresholds and the noise of the ground, above 1.8 m lamps, door frames and the ceiling.
     pub band_m: [f64; 2],
+    /// Projects as `octomap_server` does its `projected_map`: between these heights in the map frame, metres (its
+    /// `occupancy_min_z` and `occupancy_max_z`), any occupied voxel makes a cell occupied, else any free one free. No ground, no
+    /// storeys, and none of what follows but the limits. Absent: all heights are above the local ground.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fixed_z_m: Option<[f64; 2]>,
     /// A cell is occupied when at least one occupied voxel of the band stands in it and this many in it and its eight
     /// neighbours together. 2 keeps walls, low boxes and thin posts. A cell with fewer, a stray point or a wire, is unknown.
     pub min_occupied_voxels: u32,
@@ -51,7 +56,7 @@ pub struct GridExporterConfig {
     /// are 819 m at 0.1 m, and 64 MiB on `grid/plan`.
     pub max_side_cells: u32,
     /// Ceiling of the memory for voxel columns, MiB; what does not fit is dropped and counted. One MiB holds 679 blocks
-    /// of 8 x 8 columns x 64 voxels, so that 512 MiB suffice for 20,000 square metres at 0.1 m many times over.
+    /// of 8 x 8 columns x 64 voxels, so that 512 MiB suffice for 20,000 square metres at 0.1 m many times over. Each storey's plan takes half a block for each block's area besides.
     pub max_memory_mib: u32,
 }
 
@@ -86,6 +91,7 @@ impl Default for GridExporterConfig {
             publish_interval_s: 0.0,
             save_interval_s: 10.0,
             band_m: [0.2, 1.8],
+            fixed_z_m: None,
             min_occupied_voxels: 2,
             min_free_voxels: 2,
             seen_down_to_m: 0.5,
@@ -116,6 +122,13 @@ impl StageConfig for GridExporterConfig {
         if low >= high {
             return Err(format!(
                 "band_m = [{low}, {high}] is empty; give the lower end first, as in [0.2, 1.8]"
+            ));
+        }
+        if let Some([low, high]) =
+            self.fixed_z_m.filter(|[low, high]| low.is_nan() || high.is_nan() || low >= high)
+        {
+            return Err(format!(
+                "fixed_z_m = [{low}, {high}] is empty; give the lower end first, as in [-1.0, 0.5]"
             ));
         }
         count("min_occupied_voxels", self.min_occupied_voxels, 1, 100)?;
@@ -164,8 +177,13 @@ mod tests {
     #[test]
     fn unknown_keys_and_bad_ranges_are_refused_by_name() {
         assert!(toml::from_str::<GridExporterConfig>("bands = 1").unwrap_err().to_string().contains("bands"));
-        for text in ["band_m = [1.8, 0.2]", "sensor_height_m = nan", "min_free_voxels = 0", "margin_m = -1.0"]
-        {
+        for text in [
+            "band_m = [1.8, 0.2]",
+            "fixed_z_m = [1.0, 1.0]",
+            "sensor_height_m = nan",
+            "min_free_voxels = 0",
+            "margin_m = -1.0",
+        ] {
             let config: GridExporterConfig = toml::from_str(text).unwrap();
             let error = config.check().unwrap_err();
             let key = text.split([' ', '[']).next().unwrap();

@@ -22,7 +22,7 @@ pub(crate) struct Footing {
     pub(crate) floor: f64,
     /// Whether the path passes.
     pub(crate) walked: bool,
-    /// Whether it climbs as it passes.
+    /// Whether it climbs as it passes, here or right beside.
     pub(crate) climbed: bool,
 }
 
@@ -44,6 +44,9 @@ pub(crate) fn weigh(
     raster: Raster,
     config: &GridExporterConfig,
 ) -> Evidence {
+    if let Some(heights) = config.fixed_z_m {
+        return between(column, heights, raster);
+    }
     let Footing { floor, walked, climbed } = footing;
     // Voxels whose centres lie between.
     let voxels = |low: f64, high: f64| {
@@ -94,4 +97,13 @@ pub(crate) fn weigh(
         open: walked || grounds > 0 || seen_through(),
         ground: ground as f32,
     }
+}
+
+/// What a column says by `octomap_server`'s rules: every voxel whose cube reaches between two heights in the map frame counts.
+fn between(column: Column<'_>, [low, high]: [f64; 2], raster: Raster) -> Evidence {
+    let first = (low / raster.resolution).floor() as i32;
+    let last = (high / raster.resolution).ceil() as i32 - 1;
+    let count = |kind: Kind| column.count(kind, first, last);
+    let occupied = count(Kind::Occupied).min(u32::from(u8::MAX)) as u8;
+    Evidence { occupied, open: count(Kind::Free) > 0, ground: f32::NAN }
 }

@@ -1,7 +1,7 @@
 //! How high the floor of a storey is, everywhere in its plan.
 //!
 //! Where the path passes a block, the floor is the ground right below it, or without any (on stairs: always) the path's height
-//! less the sensor's. Elsewhere it is the ground that can be walked to from the path. Of several heights in one block that
+//! less the sensor's; but where a stair leads over a floor of the storey, it is that floor. Elsewhere it is the ground that can be walked to from the path. Of several heights in one block that
 //! nearest to the storey's own counts, and heights as high as another storey's never do: so each place has one height, stairs,
 //! slopes and drift are followed, what lies between two storeys is on the plans of both, and a storey seen above or below
 //! changes nothing. Blocks without any height (walls) have that of the nearest block that has one, up to [`BESIDE`] blocks away,
@@ -19,6 +19,18 @@ use crate::walk::{Pass, Walk};
 const BESIDE: i32 = 3;
 /// How far the ground may lie from the path less the measured height of the sensor, metres: the gait, and half a step.
 const TREAD_M: f64 = 0.25;
+
+/// How far a stair reaches to the sides of the path, in blocks squared: half the width of a wide one.
+const STAIR_SIDE: i32 = 4;
+/// Who climbs a stair this high above a floor leaves room to walk below it, metres.
+const HEADROOM_M: f64 = 2.0;
+
+/// Height of a block, and whether one climbs there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Level {
+    height: f64,
+    stair: bool,
+}
 
 /// Height of a block that has one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,7 +62,7 @@ pub(crate) struct Floor {
     max_step: f64,
     own: FxHashMap<Place, Own>,
     /// Heights of the blocks that were asked for.
-    levels: FxHashMap<Place, f64>,
+    levels: FxHashMap<Place, Level>,
 }
 
 impl Floor {
@@ -71,7 +83,7 @@ impl Floor {
 
     /// Looks anew at blocks whose ground or path has changed. Gives the blocks at whose cells [`Self::at`] may have changed.
     pub(crate) fn update(&mut self, changed: &FxHashSet<Place>, sources: &Sources<'_>) -> FxHashSet<Place> {
-        let (mut other, mut affected) = (FxHashSet::default(), FxHashSet::default());
+        let mut affected = FxHashSet::default();
         for block in changed {
             let own = self.find(*block, sources);
             let before = match own {
@@ -79,7 +91,6 @@ impl Floor {
                 None => self.own.remove(block),
             };
             if before != own {
-                other.insert(*block);
                 affected.extend(around(*block, BESIDE));
             }
         }
@@ -87,8 +98,7 @@ impl Floor {
         for block in affected {
             let level = self.filled(block);
             let before = self.levels.get_mut(&block).map(|before| std::mem::replace(before, level));
-            // A stair changes what its cells mean even where it leaves the height.
-            if before.is_some_and(|before| before != level) || other.contains(&block) {
+            if before.is_some_and(|before| before != level) {
                 // Between the centres of blocks the height changes steadily.
                 moved.extend(around(block, 1));
             }
@@ -111,7 +121,7 @@ impl Floor {
     pub(crate) fn at(&self, [x, y]: Place, raster: Raster) -> f64 {
         let size = f64::from(raster.block_cells);
         let [u, v] = [x, y].map(|cell| (f64::from(cell) + 0.5) / size - 0.5);
-        let level = |x: i32, y: i32| self.levels.get(&[x, y]).copied().unwrap_or(self.level);
+        let level = |x: i32, y: i32| self.levels.get(&[x, y]).map_or(self.level, |level| level.height);
         let [bx, by] = raster.block([x, y]);
         let own = level(bx, by);
         let (x0, y0) = (u.floor() as i32, v.floor() as i32);
@@ -129,23 +139,27 @@ impl Floor {
         (pass.height - sensor_height - floor).abs() <= self.max_step
     }
 
-    /// Whether the path climbs in a block.
+    /// Whether the path climbs in a block, or right beside it.
     pub(crate) fn is_stair(&self, block: Place) -> bool {
-        self.own.get(&block).is_some_and(|own| own.stair)
+        self.levels.get(&block).is_some_and(|level| level.stair)
     }
 
     /// The height of a block by path and ground.
     fn find(&self, block: Place, sources: &Sources<'_>) -> Option<Own> {
         let &Sources { walk, reach, sensor_height, .. } = sources;
+        let reached = self.nearest(reach.reached(block), |level| *level);
         let visits = walk.visits(block).map(|visit| (visit.height - sensor_height, visit.climbs));
-        if let Some((path, stair)) = self.nearest(visits, |visit| visit.0) {
-            // The ground seen on a stair is that before its first step.
-            let ground = reach.surfaces(block).filter(|level| !stair && (level - path).abs() <= TREAD_M);
-            let ground = ground.min_by(|a, b| (a - path).abs().total_cmp(&(b - path).abs()));
-            return Some(Own { level: ground.unwrap_or(path), walked: true, stair });
-        }
-        let ground = self.nearest(reach.reached(block), |level| *level);
-        ground.map(|level| Own { level, walked: false, stair: false })
+        let visit = self.nearest(visits, |visit| visit.0).filter(|(path, _)| {
+            let off = |height: f64| (height - self.level).abs();
+            reached.is_none_or(|ground| off(*path) < off(ground) + HEADROOM_M)
+        });
+        let Some((path, stair)) = visit else {
+            return reached.map(|level| Own { level, walked: false, stair: false });
+        };
+        // The ground seen on a stair is that before its first step.
+        let ground = reach.surfaces(block).filter(|level| !stair && (level - path).abs() <= TREAD_M);
+        let ground = ground.min_by(|a, b| (a - path).abs().total_cmp(&(b - path).abs()));
+        Some(Own { level: ground.unwrap_or(path), walked: true, stair })
     }
 
     /// The first of those that belong to the storey and are nearest to it.
@@ -156,18 +170,26 @@ impl Floor {
 
     /// The height of a block, its own or that of the nearest one that has one; of several equally near
     /// one that the path passes, then that nearest to the storey's, then the lowest.
-    fn filled(&self, block: Place) -> f64 {
+    fn filled(&self, block: Place) -> Level {
         let rank = |place: Place| {
             let own = self.own.get(&place)?;
             let [dx, dy] = [0, 1].map(|axis: usize| place[axis] - block[axis]);
-            Some(((dx * dx + dy * dy, !own.walked), (own.level - self.level).abs(), own.level))
+            Some((dx * dx + dy * dy, own))
         };
-        if let Some((_, _, level)) = rank(block) {
-            return level;
-        }
-        let nearest = around(block, BESIDE)
-            .filter_map(rank)
-            .min_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)));
-        nearest.map_or(self.level, |(_, _, level)| level)
+        let off = |own: &Own| (own.level - self.level).abs();
+        let nearest = rank(block).or_else(|| {
+            around(block, BESIDE).filter_map(rank).min_by(|(a_far, a), (b_far, b)| {
+                (a_far, !a.walked)
+                    .cmp(&(b_far, !b.walked))
+                    .then(off(a).total_cmp(&off(b)))
+                    .then(a.level.total_cmp(&b.level))
+            })
+        });
+        // The path enters and leaves a stair in the middle of a block: its first steps count as stair, too.
+        let beside = || around(block, 1).filter_map(|place| self.own.get(&place)).any(|own| own.stair);
+        nearest.map_or(Level { height: self.level, stair: false }, |(far, own)| Level {
+            height: own.level,
+            stair: own.stair && far <= STAIR_SIDE || far == 0 && own.walked && beside(),
+        })
     }
 }

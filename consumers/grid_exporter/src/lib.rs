@@ -172,6 +172,15 @@ impl GridExporter {
         self.unsaved = true;
     }
 
+    /// Projects the whole map anew, as if all of it had come with the last update; the plans stay as they are. For comparison
+    /// with what following the updates costs.
+    pub fn project_anew(&mut self) {
+        if let Some(Map { raster, walk, projection }) = &mut self.map {
+            *projection = Projection::new(*raster, &self.config);
+            projection.update(&mut self.columns, walk, &self.config);
+        }
+    }
+
     /// Makes ready for a message; false where its voxels cannot be used.
     fn prepare(&mut self, header: &MapHeader) -> bool {
         let resolution = header.resolution;

@@ -81,12 +81,18 @@ impl Projection {
         config: &GridExporterConfig,
     ) -> bool {
         let mut changes = if self.fresh { all(columns, walk) } else { news(columns, walk) };
+        if changes.cells.is_empty() && changes.blocks.is_empty() && !self.fresh {
+            return false;
+        }
         self.fresh = false;
         changes.blocks.extend(blocks_of(&changes.ground, self.raster));
         self.find_surfaces(columns, walk, &changes.blocks);
 
         let sensor_height = self.heights.median().unwrap_or(config.sensor_height_m);
-        let bins = storeys::find(&walk.heights());
+        let mut bins = storeys::find(&walk.heights());
+        if config.fixed_z_m.is_some() {
+            bins.truncate(1);
+        }
         let mut changed = false;
         if sensor_height != self.sensor_height || bins != self.bins {
             (self.sensor_height, self.bins) = (sensor_height, bins);
@@ -186,7 +192,8 @@ impl Storey {
         let floor = &self.floor;
         self.sheet.update(&marks, |cell| {
             let height = floor.at(cell, raster);
-            let mut footing = Footing { floor: height, walked: false, climbed: false };
+            let climbed = floor.is_stair(raster.block(cell));
+            let mut footing = Footing { floor: height, walked: false, climbed };
             for pass in sources.walk.passes(cell) {
                 if floor.carries(pass, height, sources.sensor_height) {
                     footing.walked = true;

@@ -38,14 +38,13 @@ pub(crate) struct Sheet {
 
 impl Sheet {
     pub(crate) fn new(resolution: f64, config: &GridExporterConfig) -> Self {
-        let gap = ((config.min_gap_m - ROUNDING_M) / resolution).ceil() as i32 - 1;
-        Self {
-            tiles: FxHashMap::default(),
-            resolution,
-            min_occupied: config.min_occupied_voxels,
-            gap: gap.max(0),
-            line: Vec::new(),
-        }
+        // As octomap_server: every voxel counts, and every gap stays.
+        let (min_gap, min_occupied) = match config.fixed_z_m {
+            Some(_) => (0.0, 1),
+            None => (config.min_gap_m, config.min_occupied_voxels),
+        };
+        let gap = ((min_gap - ROUNDING_M) / resolution).ceil() as i32 - 1;
+        Self { tiles: FxHashMap::default(), resolution, min_occupied, gap: gap.max(0), line: Vec::new() }
     }
 
     /// Weighs the marked cells anew, and draws what follows from it; true where a cell or a height has changed.

@@ -4,7 +4,7 @@ use evac_octree::{MapConfig, Probabilities, SensorModel};
 use evac_stage::{StageConfig, check_range};
 use serde::{Deserialize, Serialize};
 
-use crate::{BoundsConfig, GroundConfig, OutlierConfig};
+use crate::{BoundsConfig, GroundConfig, OutlierConfig, UnseenConfig};
 
 /// Configuration of the octree mapper.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -22,6 +22,14 @@ pub struct OctreeMapperConfig {
     /// Whether scans of an odometry that is still initialising go into the map. Off: their pose is the identity, which
     /// misses the tilt of the mount until gravity is known, and the walker stands still so that nothing is lost.
     pub map_while_initialising: bool,
+    /// Threads that cast the rays of a key frame, 1 to 8; the map is the same with any number. 1: a Mid-40's key frame at 0.1 m
+    /// needs no more, and the other stages want the other cores. 2 suit 0.05 m and sensors that see all around.
+    pub threads: u32,
+    /// Clears blocks of 4 x 4 x 4 voxels instead of voxels along the rays: several times faster, and not OctoMap's result. Thin things
+    /// beside a ray are cleared with it. For computers that cannot keep up otherwise.
+    pub coarse_free_space: bool,
+    /// Places that were not seen again.
+    pub unseen: UnseenConfig,
     /// Probabilities of the occupancy model, paper Eq. 7-10.
     pub occupancy: OccupancyConfig,
     /// When a scan goes into the map, paper section 3.2.
@@ -41,6 +49,9 @@ impl Default for OctreeMapperConfig {
             max_range_m: 30.0,
             max_map_mib: 256.0,
             map_while_initialising: false,
+            threads: 1,
+            coarse_free_space: false,
+            unseen: UnseenConfig::default(),
             occupancy: OccupancyConfig::default(),
             key_frames: KeyFrameConfig::default(),
             outliers: OutlierConfig::default(),
@@ -59,7 +70,7 @@ impl OctreeMapperConfig {
         let sensor =
             SensorModel::from_probabilities(&self.occupancy.probabilities()).map_err(|e| e.to_string())?;
         let max_bytes = (self.max_map_mib * f64::from(1 << 20)) as usize;
-        Ok(MapConfig { sensor, max_bytes, ..MapConfig::new(self.resolution_m) })
+        Ok(MapConfig { sensor, max_bytes, threads: self.threads, ..MapConfig::new(self.resolution_m) })
     }
 }
 
@@ -68,6 +79,8 @@ impl StageConfig for OctreeMapperConfig {
         check_range("resolution_m", self.resolution_m, 0.01, 10.0, "0.05 to 0.4 m suit buildings")?;
         check_range("max_range_m", self.max_range_m, 1.0, 500.0, "30 m suits a Mid-40 indoors")?;
         check_range("max_map_mib", self.max_map_mib, 0.0625, 65_536.0, "256 MiB suit a station at 0.1 m")?;
+        check_range("threads", f64::from(self.threads), 1.0, 8.0, "1 suits a Mid-40 at 0.1 m")?;
+        self.unseen.check()?;
         self.map_config()?;
         self.key_frames.check()?;
         self.outliers.check()?;
@@ -181,6 +194,9 @@ mod tests {
             ("[bounds]\nz_m = [2.0, 1.0]", "bounds.z_m = [2, 1]"),
             ("[bounds]\nmin_range_m = 5.0\nmax_range_m = 4.0", "bounds.min_range_m = 5"),
             ("[ground]\nmin_points = 2", "ground.min_points = 2"),
+            ("threads = 0", "threads = 0"),
+            ("[unseen]\nafter_key_frames = 0", "unseen.after_key_frames = 0"),
+            ("[unseen]\nfade_log_odds = -1.0", "unseen.fade_log_odds = -1"),
             ("[outliers]\nradius_m = 0.0", "outliers.radius_m = 0"),
             ("[outliers]\nmin_neighbours = 0", "outliers.min_neighbours = 0"),
             ("[key_frames]\nangle_deg = -1.0", "key_frames.angle_deg = -1"),

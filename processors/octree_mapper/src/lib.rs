@@ -12,6 +12,7 @@ mod mapper;
 mod outliers;
 #[cfg(test)]
 mod synthetic;
+mod unseen;
 
 pub use cloud::{
     CloudFilter, CloudFilterConfig, CloudFilterError, CloudMap, CloudOutlierConfig, CloudSource, Removed,
@@ -23,3 +24,4 @@ pub use ground::GroundFilter;
 pub use key_frame::KeyFrames;
 pub use mapper::OctreeMapper;
 pub use outliers::RadiusOutlierFilter;
+pub use unseen::{UnseenAction, UnseenConfig};

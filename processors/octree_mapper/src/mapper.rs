@@ -9,6 +9,7 @@ use evac_stage::{
 };
 
 use crate::key_frame::KeyFrames;
+use crate::unseen::Upkeep;
 use crate::{GroundFilter, OctreeMapperConfig, RadiusOutlierFilter};
 
 /// Points a scan that buffers hold from the start: three Mid-40 frames; a larger scan lets them grow once.
@@ -27,6 +28,7 @@ pub struct OctreeMapper {
     key_frame_count: u64,
     /// Key frames that this instance has inserted or followed.
     seen_key_frames: u64,
+    upkeep: Upkeep,
     /// Of the newest update.
     newest: Option<MapHeader>,
     outliers: RadiusOutlierFilter,
@@ -75,7 +77,11 @@ impl OctreeMapper {
             ground: &self.ground_points,
             misses: &[],
         };
-        let options = ScanOptions { max_range: Some(self.config.max_range_m), ..ScanOptions::default() };
+        let options = ScanOptions {
+            max_range: Some(self.config.max_range_m),
+            coarse_free_space: self.config.coarse_free_space,
+            ..ScanOptions::default()
+        };
         let report = self.map.insert_scan(&scan, &options);
         header.hits = report.hits;
         header.ground = report.ground;
@@ -136,6 +142,7 @@ impl Stage for OctreeMapper {
             key_frames: KeyFrames::new(config.key_frames),
             key_frame_count: 0,
             seen_key_frames: 0,
+            upkeep: Upkeep::default(),
             newest: None,
             outliers: RadiusOutlierFilter::new(config.outliers, CAPACITY),
             ground: GroundFilter::new(config.ground, CAPACITY),
@@ -162,16 +169,18 @@ impl Stage for OctreeMapper {
         let end_ns = input.header.frame.end_ns;
         let key_pose = pose.filter(|pose| self.key_frames.choose(end_ns, pose));
         if let Some(map_from_lidar) = key_pose {
+            self.upkeep.tend(&mut self.map, &self.config.unseen);
             self.insert(&input, &map_from_lidar, &mut header, counters);
             self.key_frame_count += 1;
             self.seen_key_frames += 1;
             header.map_flags = map_flags::KEY_FRAME;
         }
         header.key_frames = self.key_frame_count;
-        let mut changes = key_pose.map(|_| self.map.changes());
-        let changed = changes.as_ref().map_or(0, |_| self.map.changed());
-        output
-            .publish(&header, changed, |_| changes.as_mut().and_then(Iterator::next).unwrap_or_default())?;
+        // What was forgotten before the scan comes before what the scan has changed.
+        let aged = if key_pose.is_some() { self.upkeep.changed.as_slice() } else { &[] };
+        let scanned = key_pose.map_or(0, |_| self.map.changed());
+        let mut changes = aged.iter().copied().chain(self.map.changes());
+        output.publish(&header, aged.len() + scanned, |_| changes.next().unwrap_or_default())?;
         self.newest = Some(header);
         self.serve(output)
     }
@@ -214,7 +223,7 @@ impl Stage for OctreeMapper {
         for voxel in routed.voxels {
             self.map.apply(voxel).map_err(|cause| {
                 StageError::Config(format!(
-                    "the routed mapper's map does not fit into this one: {cause:?}; raise max_bricks"
+                    "the routed mapper's map does not fit into this one: {cause:?}; raise max_map_mib"
                 ))
             })?;
         }

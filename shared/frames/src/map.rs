@@ -11,11 +11,11 @@ pub mod map_flags {
     pub const SNAPSHOT: u32 = 2;
 }
 
-/// Bits of [`Voxel::flags`].
+/// Bits of [`Voxel::flags`]. A voxel without any has been forgotten: it is unknown again.
 pub mod voxel_flags {
     /// A ground point was seen in this voxel.
     pub const GROUND: u16 = 1;
-    /// The voxel carries a log-odds value; without it only the ground flag is news.
+    /// The voxel carries a log-odds value; without it only the ground flag is known.
     pub const KNOWN: u16 = 2;
 }
 

@@ -202,11 +202,15 @@ impl OctreeMap {
         Ok(())
     }
 
-    /// Takes over a voxel of another map's [`OctreeMap::changes`] or [`OctreeMap::voxels`].
+    /// Takes over a voxel of another map's [`OctreeMap::changes`] or [`OctreeMap::voxels`]; one without any flag is gone, see
+    /// [`OctreeMap::forget_unseen_with`].
     ///
     /// # Errors
     /// [`Rejected`]; the map is unchanged.
     pub fn apply(&mut self, voxel: &Voxel) -> Result<(), Rejected> {
+        if voxel.flags == 0 {
+            self.delete_box(voxel.key, voxel.key);
+        }
         if voxel.flags & voxel_flags::KNOWN != 0 {
             self.set_voxel(voxel.key, voxel.log_odds)?;
         }

@@ -140,8 +140,9 @@ pub struct Imu;
 impl RecordService for Imu {
     const NAME: &'static str = "imu/sample";
     // 4096 samples are 20 s at 200 Hz: a lossless replay paces itself on scans, so that all samples of a pause between two
-    // scans come at once. History covers the start of a stage that joins between two scans.
-    const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 64, ..FRAMES };
+    // scans come at once. History covers the 16 scans of a scan service's at 200 Hz, so that a stage that is started again has
+    // both.
+    const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 512, ..FRAMES };
     type Record = ImuSample;
 }
 

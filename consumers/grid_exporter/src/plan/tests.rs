@@ -1,5 +1,6 @@
 //! A projection that follows updates against one that is made at once.
 
+use evac_formats::occupancy_grid::{FREE, OCCUPIED, UNKNOWN};
 use evac_frames::{Voxel, voxel_flags};
 use proptest::prelude::*;
 
@@ -74,23 +75,22 @@ fn plans(projection: &Projection) -> Vec<(OccupancyGrid, Vec<u32>)> {
     (0..projection.storeys()).map(one).collect()
 }
 
-fn check(events: &[Event]) -> Result<usize, TestCaseError> {
-    let config = GridExporterConfig::default();
+fn check(events: &[Event], config: &GridExporterConfig) -> Result<usize, TestCaseError> {
     let raster = Raster::new(RESOLUTION);
     let (mut columns, mut walk) = (Columns::new(1000, 16, 0.0), Walk::new(raster));
-    let mut followed = Projection::new(raster, &config);
+    let mut followed = Projection::new(raster, config);
     for event in events {
         happen(event, &mut columns, &mut walk);
         if matches!(event, Event::Update) {
-            followed.update(&mut columns, &mut walk, &config);
+            followed.update(&mut columns, &mut walk, config);
         }
     }
-    followed.update(&mut columns, &mut walk, &config);
-    let mut anew = Projection::new(raster, &config);
-    anew.update(&mut columns, &mut walk, &config);
+    followed.update(&mut columns, &mut walk, config);
+    let mut anew = Projection::new(raster, config);
+    anew.update(&mut columns, &mut walk, config);
     prop_assert_eq!(followed.sensor_height, anew.sensor_height);
     prop_assert!(plans(&followed) == plans(&anew), "plans differ");
-    prop_assert!(!followed.update(&mut columns, &mut walk, &config), "nothing has happened");
+    prop_assert!(!followed.update(&mut columns, &mut walk, config), "nothing has happened");
     Ok(anew.storeys())
 }
 
@@ -101,7 +101,7 @@ proptest! {
     fn a_projection_that_follows_any_updates_equals_one_made_at_once(
         events in proptest::collection::vec(event(), 1..40),
     ) {
-        check(&events)?;
+        check(&events, &GridExporterConfig::default())?;
     }
 }
 
@@ -119,5 +119,46 @@ fn what_is_compared_has_storeys_obstacles_and_free_space() {
             events.push(Event::Update);
         }
     }
-    assert_eq!(check(&events).unwrap(), 2);
+    assert_eq!(check(&events, &GridExporterConfig::default()).unwrap(), 2);
+}
+
+proptest! {
+    #[test]
+    fn between_fixed_heights_cells_are_what_octomap_server_makes_of_them(
+        voxels in proptest::collection::hash_map((0i32..12, 0i32..12, -8i32..8), any::<bool>(), 1..150),
+        low in -0.9..0.5,
+        span in 0.01..0.9,
+    ) {
+        let config = GridExporterConfig { fixed_z_m: Some([low, low + span]), margin_m: 0.0, ..Default::default() };
+        let (mut columns, mut walk) = (Columns::new(1000, 16, 0.0), Walk::new(Raster::new(RESOLUTION)));
+        let mut projection = Projection::new(Raster::new(RESOLUTION), &config);
+        walk.push([0.5, 0.5, 0.0]);
+        for ((x, y, z), occupied) in &voxels {
+            let key = [*x, *y, *z].map(|axis| (axis + 32_768) as u16);
+            let log_odds = if *occupied { 1.0 } else { -1.0 };
+            columns.apply(&Voxel { key, flags: voxel_flags::KNOWN, log_odds }).unwrap();
+            projection.update(&mut columns, &mut walk, &config);
+        }
+        // The rule as octomap_server states it, leaf by leaf.
+        let mut expected = vec![UNKNOWN; 144];
+        for ((x, y, z), occupied) in &voxels {
+            let (centre, half) = ((f64::from(*z) + 0.5) * RESOLUTION, RESOLUTION / 2.0);
+            if centre + half > low && centre - half < low + span {
+                let cell = &mut expected[(y * 12 + x) as usize];
+                *cell = if *occupied || *cell == OCCUPIED { OCCUPIED } else { FREE };
+            }
+        }
+        let mut grid = OccupancyGrid { width: 0, height: 0, resolution: 1.0, origin: [0.0; 3], cells: Vec::new() };
+        let known = projection.compose(0, 0.0, &mut grid);
+        prop_assert_eq!(known, expected.iter().any(|cell| *cell != UNKNOWN));
+        for (place, cell) in expected.iter().enumerate().filter(|_| known) {
+            let [x, y] = [0, 1].map(|axis: usize| {
+                let place = if axis == 0 { place % 12 } else { place / 12 };
+                place as i64 - (grid.origin[axis] / RESOLUTION).round() as i64
+            });
+            let inside = (0..i64::from(grid.width)).contains(&x) && (0..i64::from(grid.height)).contains(&y);
+            let is = if inside { grid.cells[(y * i64::from(grid.width) + x) as usize] } else { UNKNOWN };
+            prop_assert_eq!(is, *cell, "cell {}", place);
+        }
+    }
 }

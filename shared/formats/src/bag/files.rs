@@ -5,6 +5,7 @@ use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::db3::{Db3Index, Db3Reader};
 use super::{BagMessage, BagReader, Connection, Found};
 use crate::FormatError;
 use crate::mcap::McapIndex;
@@ -15,8 +16,8 @@ const METADATA: &str = "metadata.yaml";
 /// Larger descriptions are none.
 const MAX_METADATA: u64 = 4 << 20;
 
-/// The connections and files of a bag: ROS 1, or MCAP (ROS 2, and evac's own recordings). A folder is one bag: the files
-/// that its `metadata.yaml` names, or all MCAP files in the order of their names.
+/// The connections and files of a bag: ROS 1, MCAP (ROS 2, and evac's own recordings) or db3 (ROS 2). A folder is one bag:
+/// the files that its `metadata.yaml` names, or all MCAP or db3 files in the order of their names.
 #[derive(Debug, Clone)]
 pub struct Bag {
     path: PathBuf,
@@ -35,6 +36,7 @@ struct Part {
 enum Index {
     Ros1(BagIndex),
     Mcap(McapIndex),
+    Db3(Db3Index),
 }
 
 impl Bag {
@@ -91,6 +93,7 @@ impl Index {
             .map_err(|cause| FormatError::reading(path, cause))?;
         match magic.as_slice() {
             [0x89, b'M', b'C', b'A', b'P', ..] => McapIndex::read(path, allow_truncated).map(Self::Mcap),
+            [b'S', b'Q', b'L', b'i', b't', b'e', ..] => Db3Index::read(path, allow_truncated).map(Self::Db3),
             // What else it may be is said by the reader of ROS 1 bags.
             _ => BagIndex::read(path, allow_truncated).map(Self::Ros1),
         }
@@ -100,6 +103,7 @@ impl Index {
         match self {
             Self::Ros1(index) => index.path(),
             Self::Mcap(index) => index.path(),
+            Self::Db3(index) => index.path(),
         }
     }
 
@@ -107,6 +111,7 @@ impl Index {
         match self {
             Self::Ros1(index) => index.connections(),
             Self::Mcap(index) => index.connections(),
+            Self::Db3(index) => index.connections(),
         }
     }
 
@@ -114,13 +119,38 @@ impl Index {
         match self {
             Self::Ros1(index) => index.truncated_at(),
             Self::Mcap(index) => index.truncated_at(),
+            Self::Db3(index) => index.truncated_at(),
         }
     }
 
-    fn messages(&self, wanted: &[u32]) -> Result<BagReader, FormatError> {
+    fn messages(&self, wanted: &[u32]) -> Result<FileReader, FormatError> {
+        Ok(match self {
+            Self::Ros1(index) => FileReader::Chunked(index.messages(wanted)?),
+            Self::Mcap(index) => FileReader::Chunked(index.messages(wanted)?),
+            Self::Db3(index) => FileReader::Db3(index.messages(wanted)?),
+        })
+    }
+}
+
+/// The messages of one file.
+#[derive(Debug)]
+enum FileReader {
+    Chunked(BagReader),
+    Db3(Db3Reader),
+}
+
+impl FileReader {
+    fn find(&mut self) -> Result<Option<Found>, FormatError> {
         match self {
-            Self::Ros1(index) => index.messages(wanted),
-            Self::Mcap(index) => index.messages(wanted),
+            Self::Chunked(reader) => reader.find(),
+            Self::Db3(reader) => reader.find(),
+        }
+    }
+
+    fn message(&self, found: &Found) -> BagMessage<'_> {
+        match self {
+            Self::Chunked(reader) => reader.message(found),
+            Self::Db3(reader) => reader.message(found),
         }
     }
 }
@@ -132,7 +162,7 @@ pub struct Messages {
     wanted: Vec<u32>,
     /// The file at hand, and its reader once it is open.
     current: usize,
-    reader: Option<BagReader>,
+    reader: Option<FileReader>,
 }
 
 impl Messages {
@@ -166,7 +196,7 @@ impl Messages {
                     ids.filter(|(_, number)| self.wanted.contains(number)).map(|(own, _)| own.id).collect();
                 self.reader = Some(part.index.messages(&wanted)?);
             }
-            let found = self.reader.as_mut().map(BagReader::find).transpose()?.flatten();
+            let found = self.reader.as_mut().map(FileReader::find).transpose()?.flatten();
             if found.is_some() {
                 return Ok(found);
             }
@@ -191,7 +221,7 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, FormatError> {
     let metadata = path.join(METADATA);
     let files = if metadata.exists() { named_in(&metadata, path)? } else { found_in(path)? };
     if files.is_empty() {
-        let cause = "the folder holds no recording: neither metadata.yaml with files nor *.mcap";
+        let cause = "the folder holds no recording: neither metadata.yaml with files nor *.mcap or *.db3";
         return Err(FormatError::malformed(path, 0, cause, "name the recording itself"));
     }
     Ok(files)
@@ -222,13 +252,13 @@ fn unquoted(value: &str) -> &str {
     value.trim().trim_matches(['"', '\''])
 }
 
-/// All MCAP files of a folder; numbers at their ends count as numbers.
+/// All MCAP or db3 files of a folder; numbers at their ends count as numbers.
 fn found_in(folder: &Path) -> Result<Vec<PathBuf>, FormatError> {
     let failed = |cause| FormatError::reading(folder, cause);
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
-        if path.extension().is_some_and(|extension| extension == "mcap") {
+        if path.extension().is_some_and(|extension| extension == "mcap" || extension == "db3") {
             files.push(path);
         }
     }

@@ -2,6 +2,7 @@
 
 pub(crate) mod chunk;
 mod chunk_reader;
+mod db3;
 mod files;
 
 pub use chunk_reader::BagReader;

@@ -1,6 +1,6 @@
 //! What an MCAP file holds, from a walk over its records that skips the chunks' data.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -34,6 +34,8 @@ pub struct McapIndex {
     chunks: Vec<Chunk>,
     connections: Vec<Connection>,
     schemas: BTreeMap<u16, String>,
+    /// All channels, those included whose messages cannot be read here.
+    channels: BTreeSet<u32>,
     truncated_at: Option<u64>,
 }
 
@@ -57,6 +59,7 @@ impl McapIndex {
             chunks: Vec::new(),
             connections: Vec::new(),
             schemas: BTreeMap::new(),
+            channels: BTreeSet::new(),
             truncated_at: None,
         };
         let mut walk = index.open()?;
@@ -254,6 +257,7 @@ impl McapIndex {
         let mut read = || Some((fields.u16()?, fields.text()?, fields.text()?, fields.map()?));
         let (schema, topic, encoding, metadata) =
             read().ok_or("a channel lacks its schema, topic or encoding")?;
+        self.channels.insert(u32::from(id));
         let encoding = match encoding.as_str() {
             "cdr" => Encoding::Cdr,
             "ros1" => Encoding::Ros1,
@@ -274,10 +278,10 @@ impl McapIndex {
     /// Finds channels and counts inside the chunks, where what should follow them is missing: always in the last chunk of a
     /// file that was cut.
     fn look_into_chunks(&mut self) -> Result<(), FormatError> {
-        let unknown = self.chunks.iter().any(|chunk| {
-            let known = |id: &u32| self.connections.iter().any(|connection| connection.id == *id);
-            chunk.counts.is_empty() || !chunk.counts.keys().all(known)
-        });
+        // Where chunks are indexed at all, one without an index holds no messages but schemas and channels.
+        let counted = self.chunks.iter().any(|chunk| !chunk.counts.is_empty());
+        let ids = self.chunks.iter().flat_map(|chunk| chunk.counts.keys());
+        let unknown = !self.chunks.is_empty() && !counted || { ids }.any(|id| !self.channels.contains(id));
         if !unknown && self.truncated_at.is_none() {
             return Ok(());
         }

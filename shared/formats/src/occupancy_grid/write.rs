@@ -1,5 +1,6 @@
 //! Saves a flat map as nav2's map saver does in trinary mode.
 
+use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -18,7 +19,8 @@ pub fn write(yaml_path: &Path, grid: &OccupancyGrid) -> Result<(), FormatError> 
     write_as(yaml_path, grid, Mode::Trinary, &[])
 }
 
-/// Writes `yaml_path`, with `comments` as its first lines, and a picture, each whole or not at all, the picture first. The picture
+/// Writes `yaml_path`, with `comments` as its first lines, and a picture, each whole or not at all, and at no moment a picture that does not
+/// belong to the map file. The picture
 /// has the same name and the ending `.pgm`, in scale mode `_scale.png`.
 ///
 /// Numbers are written with every digit they need (nav2's own saver cuts the origin to three significant digits).
@@ -32,15 +34,36 @@ pub fn write_as(
     comments: &[&str],
 ) -> Result<(), FormatError> {
     let stem = yaml_path.file_stem().unwrap_or_default().to_string_lossy();
-    let picture = if mode == Mode::Scale { format!("{stem}_scale.png") } else { format!("{stem}.pgm") };
-    write_atomically(&yaml_path.with_file_name(&picture), |writer| match mode {
-        Mode::Scale => write_png(writer, grid),
-        Mode::Trinary => write_pgm(writer, grid, grey),
-        Mode::Raw => {
-            write_pgm(writer, grid, |cell| if (0..=100).contains(&cell) { cell as u8 } else { u8::MAX })
-        }
-    })?;
-    write_atomically(yaml_path, |writer| write_yaml(writer, grid, mode, &picture, comments))
+    let ending = if mode == Mode::Scale { "_scale.png" } else { ".pgm" };
+    let write_picture = |name: &str| {
+        write_atomically(&yaml_path.with_file_name(name), |writer| match mode {
+            Mode::Scale => write_png(writer, grid),
+            Mode::Trinary => write_pgm(writer, grid, grey),
+            Mode::Raw => {
+                write_pgm(writer, grid, |cell| if (0..=100).contains(&cell) { cell as u8 } else { u8::MAX })
+            }
+        })
+    };
+    let write_keys = |name: &str| {
+        write_atomically(yaml_path, |writer| writer.write_all(yaml(grid, mode, name, comments).as_bytes()))
+    };
+    let picture = format!("{stem}{ending}");
+    let before = fs::read_to_string(yaml_path).unwrap_or_default();
+    if before == yaml(grid, mode, &picture, comments) {
+        return write_picture(&picture);
+    }
+    // A new picture with an old origin would be a wrong map. So the map file names another picture while this one changes,
+    // whichever it does not name already: that is where somebody has pulled the plug the last time.
+    let spares = [format!("{stem}.new{ending}"), format!("{stem}.newer{ending}")];
+    let free = spares.iter().find(|name| !before.contains(name.as_str()));
+    for name in free.into_iter().chain([&picture]) {
+        write_picture(name)?;
+        write_keys(name)?;
+    }
+    for path in spares.iter().map(|name| yaml_path.with_file_name(name)).filter(|path| path.exists()) {
+        fs::remove_file(&path).map_err(|cause| FormatError::writing(&path, cause))?;
+    }
+    Ok(())
 }
 
 fn write_pgm(writer: &mut impl Write, grid: &OccupancyGrid, grey: impl Fn(i8) -> u8) -> io::Result<()> {
@@ -76,31 +99,22 @@ fn write_png(writer: &mut impl Write, grid: &OccupancyGrid) -> io::Result<()> {
     image.finish().map_err(io::Error::other)
 }
 
-fn write_yaml(
-    writer: &mut impl Write,
-    grid: &OccupancyGrid,
-    mode: Mode,
-    picture: &str,
-    comments: &[&str],
-) -> io::Result<()> {
+/// The map file's text.
+fn yaml(grid: &OccupancyGrid, mode: Mode, picture: &str, comments: &[&str]) -> String {
     let [x, y, yaw] = grid.origin.map(decimal);
-    for comment in comments {
-        writeln!(writer, "# {comment}")?;
-    }
-    writeln!(writer, "image: {picture}")?;
-    let mode_name = match mode {
+    let name = match mode {
         Mode::Trinary => "trinary",
         Mode::Scale => "scale",
         Mode::Raw => "raw",
     };
-    writeln!(writer, "mode: {mode_name}")?;
-    writeln!(writer, "resolution: {}", decimal(grid.resolution))?;
-    writeln!(writer, "origin: [{x}, {y}, {yaw}]")?;
-    writeln!(writer, "negate: 0")?;
     // Between the thresholds of scale mode all greys are told apart.
     let (occupied, free) = if mode == Mode::Scale { (1.0, 0.0) } else { (OCCUPIED_THRESH, FREE_THRESH) };
-    writeln!(writer, "occupied_thresh: {}", decimal(occupied))?;
-    writeln!(writer, "free_thresh: {}", decimal(free))
+    let (resolution, occupied, free) = (decimal(grid.resolution), decimal(occupied), decimal(free));
+    let comments: String = comments.iter().map(|comment| format!("# {comment}\n")).collect();
+    format!(
+        "{comments}image: {picture}\nmode: {name}\nresolution: {resolution}\norigin: [{x}, {y}, {yaw}]\n\
+        negate: 0\noccupied_thresh: {occupied}\nfree_thresh: {free}\n"
+    )
 }
 
 /// nav2's map saver: occupancy at or above the one threshold is black, at or below the other white, else grey.
