@@ -295,6 +295,7 @@ impl Imu {
             in_vain: self.session.in_vain,
             rubbish: self.session.rubbish,
             refused: self.session.refused().next(),
+            asked: self.poller.is_some(),
             wanted_hz: self.config.rate_hz,
             rate_hz: self.sampler.rate_hz(),
             jitter_ms: quality.roughness_ns * 1e-6,

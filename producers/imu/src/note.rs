@@ -25,6 +25,8 @@ pub(crate) struct Facts<'a> {
     pub(crate) in_vain: u32,
     pub(crate) rubbish: u64,
     pub(crate) refused: Option<u8>,
+    /// Whether the module is asked for each sample.
+    pub(crate) asked: bool,
     pub(crate) wanted_hz: f64,
     pub(crate) rate_hz: Option<f64>,
     pub(crate) jitter_ms: f64,
@@ -101,6 +103,8 @@ impl Note {
             write!(text, "the module does not take register {register:#04x}")?;
         } else if let Some(timer) = facts.latency_timer_ms.filter(|timer| *timer > LATENCY_MS) {
             write!(text, "latency_timer {timer} ms: install launch/udev")?;
+        } else if facts.asked {
+            write!(text, "asked {:.0} times a second", facts.wanted_hz)?;
         } else {
             let (rate, ppm) = (facts.wanted_hz, facts.drift_ppm);
             write!(text, "{rate:.0} Hz, jitter {:.2} ms, {ppm:+.0} ppm", facts.jitter_ms)?;

@@ -24,6 +24,8 @@ const BAUD_SETTLE_NS: i64 = 180_000_000;
 /// A stream that gives no frame for so long is lost, nanoseconds.
 const SILENCE_NS: i64 = 1_000_000_000;
 const ATTEMPTS: u32 = 3;
+/// Frames that are found in rubbish by no chance.
+const CERTAIN_FRAMES: u32 = 4;
 
 /// Speeds by how likely they are.
 const BAUDS: [u32; 9] = [9600, 115_200, 230_400, 57_600, 38_400, 19_200, 460_800, 921_600, 4800];
@@ -182,7 +184,7 @@ impl Session {
         if self.step == Step::Stream { self.last_frame_ns + SILENCE_NS } else { self.until_ns }
     }
 
-    /// Bytes have come that gave `frames` frames.
+    /// Bytes have come; before the frames in them.
     pub(crate) fn heard_bytes(&mut self, bytes: usize) {
         self.bytes_since_frame += bytes as u64;
     }
@@ -193,9 +195,11 @@ impl Session {
         match &mut self.step {
             Step::Listen { frames, .. } => {
                 *frames += 1;
-                // As many bytes in frames as outside of them, at least: rubbish passes now and then.
-                let rubbish = self.bytes_since_frame.saturating_sub(u64::from(*frames) * FRAME_BYTES as u64);
-                if *frames >= 2 && u64::from(*frames) * FRAME_BYTES as u64 > rubbish {
+                // As many bytes in frames as outside of them, or so many frames that they are no chance: of rubbish one
+                // byte in a million begins what looks like a frame.
+                let inside = u64::from(*frames) * FRAME_BYTES as u64;
+                let rubbish = self.bytes_since_frame.saturating_sub(inside);
+                if *frames >= CERTAIN_FRAMES || (*frames >= 2 && inside > rubbish) {
                     self.found(now_ns);
                 }
             }

@@ -11,7 +11,10 @@ use evac_formats::livox_sdk1::{
 };
 use evac_formats::livox_sdk2;
 use evac_formats::pcap::{PcapReader, PcapWriter};
-use evac_formats::wt901c::{Parser, Wt901cReader, encode_accel, encode_gyro, encode_time};
+use evac_formats::wt901c::modbus::{self, MAX_REGISTERS, MAX_REPLY_BYTES, ReplyParser, encode_reply};
+use evac_formats::wt901c::{
+    Command, CommandParser, Parser, Scales, Wt901cReader, encode_accel, encode_gyro, encode_time,
+};
 use proptest::prelude::*;
 
 use common::damaged;
@@ -133,7 +136,9 @@ fn read_capture(bytes: &[u8], tolerant: bool) {
 
 fn read_log(bytes: &[u8], tolerant: bool) {
     let mut parser = Parser::default();
-    let frames = bytes.iter().filter_map(|byte| parser.push(*byte)).count();
+    let frames = bytes.iter().filter_map(|byte| parser.push(*byte));
+    let readings: Vec<_> = frames.map(|frame| frame.reading(&Scales::default())).collect();
+    let frames = readings.len();
     assert_eq!(frames * 11 + parser.pending() + parser.skipped() as usize, bytes.len());
     let mut reader = Wt901cReader::new(bytes, Path::new("a.bin")).tolerate_truncation(tolerant);
     while let Ok(Some(_)) = reader.next_sample() {}
@@ -183,6 +188,32 @@ fn the_undamaged_bytes_are_accepted() {
     assert_eq!(log.counts().samples, 20);
 }
 
+/// Bytes as they come to a module, or from one on RS485.
+fn read_commands(bytes: &[u8], registers: usize) {
+    let mut commands = CommandParser::default();
+    let found = bytes.iter().filter_map(|byte| commands.push(*byte)).count();
+    assert!(found * 5 <= bytes.len());
+    let mut replies = ReplyParser::new(0x50, registers);
+    let found = bytes.iter().filter_map(|byte| replies.push(*byte)).count();
+    assert!(found * (5 + 2 * registers.min(MAX_REGISTERS)) + replies.skipped() as usize <= bytes.len());
+    for window in bytes.windows(8) {
+        let window: [u8; 8] = window.try_into().unwrap();
+        if let Some(request) = modbus::Request::parse(&window, 0x50) {
+            assert_eq!(request.bytes(0x50), window);
+        }
+    }
+}
+
+fn some_commands() -> Vec<u8> {
+    let mut bytes = Command::UNLOCK.bytes().to_vec();
+    bytes.extend(Command::read(0x34).bytes());
+    bytes.extend(modbus::Request::Read { first: 0x34, count: 6 }.bytes(0x50));
+    let mut reply = [0; MAX_REPLY_BYTES];
+    let length = encode_reply(0x50, &[1, 2, 3, 4, 5, 6], &mut reply).unwrap();
+    bytes.extend(&reply[..length]);
+    bytes
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 
@@ -225,5 +256,15 @@ proptest! {
     #[test]
     fn noise_is_no_wt901c_stream(bytes in proptest::collection::vec(prop_oneof![Just(0x55_u8), Just(0x51), any::<u8>()], 0..400)) {
         read_log(&bytes, true);
+    }
+
+    #[test]
+    fn wt901c_commands_and_modbus(
+        bytes in damaged(some_commands()),
+        noise in proptest::collection::vec(prop_oneof![Just(0x50_u8), Just(0x03), any::<u8>()], 0..200),
+        registers in 0..20_usize,
+    ) {
+        read_commands(&bytes, 6);
+        read_commands(&noise, registers);
     }
 }
