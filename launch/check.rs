@@ -9,6 +9,8 @@ use crate::registry::{Kind, kind};
 
 /// Services that a stage can do without.
 const OPTIONAL: &[&str] = &["odometry/pose", "truth/pose", "map/snapshot"];
+/// The kind that listens to whatever there is.
+const LISTENER: &str = "recorder";
 
 /// `evac check PIPELINE.toml`.
 pub(crate) fn check_file(path: &Path) -> Result<(), LaunchError> {
@@ -43,7 +45,7 @@ pub(crate) fn check(pipeline: &Pipeline) -> Result<(), String> {
         }
         kinds.push((entry.name(), kind));
     }
-    for (name, reader) in &kinds {
+    for (name, reader) in kinds.iter().filter(|(_, kind)| kind.name != LISTENER) {
         for service in reader.reads {
             let has_writer = kinds.iter().any(|(_, kind)| kind.writes.contains(service));
             if !has_writer && !OPTIONAL.contains(service) {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use evac_simulator::WorldKind;
 use evac_stage::{LogOptions, RunOptions};
 
 /// LiDAR and IMU mapping of evacuation routes: a walk in, an OctoMap and a flat map out.
@@ -38,19 +39,35 @@ pub(crate) enum Command {
     Up(UpArgs),
     /// Stop the pipeline that runs in a pipeline file's domain
     Down(DomainArgs),
+    /// Replace a stage while the pipeline runs
+    ///
+    /// The new instance starts beside the old one, follows it until it could go on in its place, and takes over between two
+    /// frames: none is lost and none comes twice. If it does not get ready the old one goes on. Without options the same
+    /// stage is started anew, or a standby that is ready takes over.
+    #[command(visible_alias = "restart")]
+    Swap(SwapArgs),
+    /// Start a second instance that takes over when the first one dies
+    Standby(SwapArgs),
     /// Show every stage of a running pipeline: pid, state, rate, age, losses and latency
     Status(StatusArgs),
     /// Check a pipeline file without starting anything
     Check(CheckArgs),
+    /// Find what would stop or spoil a run on this machine, and say what to do
+    ///
+    /// Shared memory, clocks, processor, serial ports, socket buffers, and the devices of a pipeline file. Code 4 where
+    /// something would stop a run.
+    Doctor(crate::doctor::DoctorArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver"
+        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, \
+                      map_saver, recorder"
     )]
     Stage(StageArgs),
-    /// Turn a point cloud into an octree file
+    /// Turn a point cloud into octree files, voxel centres and flat maps
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
-    Convert(ConvertArgs),
+    #[command(after_help = crate::convert::CONVERT_HELP)]
+    Convert(crate::convert::ConvertArgs),
     /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
     Experiment(crate::experiment::ExperimentArgs),
     /// Compare trajectories with the truth
@@ -70,40 +87,14 @@ const EVAL_HELP: &str = "Trajectories are TUM files, `seconds tx ty tz qx qy qz 
 
 pub(crate) const MAP_HELP: &str = "Recordings:\n  \
     WALK.bag               ROS 1 bag: livox_ros_driver/CustomMsg or sensor_msgs/PointCloud2, and sensor_msgs/Imu\n  \
-    --lidar X.pcap         UDP capture of a Livox SDK1 device\n  \
+    WALK.mcap, WALK.db3    ROS 2 bag with the same messages, or livox_ros_driver2/CustomMsg; or its folder\n  \
+    recordings/NAME        folder of evac's own recorder: the same poses and maps as when it was recorded\n  \
+    --lidar X.pcap         UDP capture of a Livox device, of either protocol (SDK1, SDK2)\n  \
+    --lidar X.lvx, X.lvx2  recording of Livox Viewer: LVX 1.0, 1.1, LVX2\n  \
     --imu Y.bin            bytes of a WT901C as they came over the serial line; a log without time frames is\n                         \
     taken as evenly sampled from the first LiDAR packet's device time on\n\n\
     Rig file:\n  [rig.imu_from_lidar]\n  translation_m = [0.05, -0.02, 0.06]       # LiDAR origin in the IMU frame\n  \
     roll_pitch_yaw_deg = [0.5, -1.0, 1.5]     # R = Rz Ry Rx takes LiDAR to IMU coordinates";
-
-/// Worlds of the simulator.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(crate) enum World {
-    /// A basement corridor in a loop.
-    Corridor,
-    /// A station hall with pillars and walking people.
-    Hall,
-    /// Two storeys and the stairs between them.
-    Stairwell,
-    /// Corridors drawn from --building: rectangle, L, U, figure of eight, T or Z.
-    FloorPlan,
-    /// A cellar of quarry stone and broken plaster, drawn from --building.
-    Rough,
-    /// Round bores through rough rock, drawn from --building.
-    Tunnel,
-    /// A plant room with tanks and pipes, drawn from --building.
-    Plant,
-    /// An office with desks, chairs, shelves and plants, drawn from --building.
-    Office,
-    /// An atrium with glass that throws nothing back, drawn from --building.
-    Atrium,
-    /// A hall of 50 x 30 m with few things in it, drawn from --building.
-    OpenHall,
-    /// A corridor with ramps up and down, drawn from --building.
-    Ramp,
-    /// A landing around a deep stairwell's eye, beside a lift shaft, drawn from --building.
-    Shaft,
-}
 
 /// Stages that say where the LiDAR is.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -133,8 +124,8 @@ pub(crate) struct DemoArgs {
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,
     /// The building
-    #[arg(long, value_enum, default_value_t = World::Corridor)]
-    pub(crate) world: World,
+    #[arg(long, value_enum, default_value_t = WorldKind::Corridor)]
+    pub(crate) world: WorldKind,
     /// Which building of a kind that is drawn from a number
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(crate) building: u64,
@@ -165,11 +156,11 @@ pub(crate) struct DemoArgs {
 /// A recording and the rig that it was made with.
 #[derive(Debug, Args)]
 pub(crate) struct RecordingArgs {
-    /// ROS 1 bag with LiDAR and IMU
-    #[arg(value_name = "WALK.bag", required_unless_present = "lidar", conflicts_with_all = ["lidar", "imu"])]
+    /// Bag with LiDAR and IMU: ROS 1, ROS 2 (MCAP, db3) or evac's own recorder; a file or a folder
+    #[arg(value_name = "WALK", required_unless_present = "lidar", conflicts_with_all = ["lidar", "imu"])]
     pub(crate) bag: Option<PathBuf>,
-    /// UDP capture of a Livox SDK1 device
-    #[arg(long, value_name = "X.pcap")]
+    /// UDP capture of a Livox device, or a recording of Livox Viewer
+    #[arg(long, value_name = "X.pcap|X.lvx|X.lvx2")]
     pub(crate) lidar: Option<PathBuf>,
     /// Byte log of a WT901C [default: the LiDAR's own IMU in the capture]
     #[arg(long, value_name = "Y.bin", requires = "lidar")]
@@ -180,6 +171,12 @@ pub(crate) struct RecordingArgs {
     /// Added to the byte log's times
     #[arg(long, value_name = "MS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(crate) imu_offset_ms: f64,
+    /// Leave out this much at the start
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    pub(crate) start: f64,
+    /// End after this much [default: at the recording's end]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, hide_default_value = true)]
+    pub(crate) duration: f64,
     /// Use a recording that was cut, up to the cut
     #[arg(long)]
     pub(crate) allow_truncated: bool,
@@ -200,6 +197,9 @@ pub(crate) struct MapArgs {
     /// Edge of a voxel, metres
     #[arg(long, value_name = "METRES")]
     pub(crate) resolution: Option<f64>,
+    /// Run live, this many times faster than it was recorded, instead of lossless and as fast as it goes
+    #[arg(long, value_name = "FACTOR")]
+    pub(crate) rate: Option<f64>,
     /// True trajectory; adds the drift to the summary
     #[arg(long, value_name = "TRUTH.tum")]
     pub(crate) truth: Option<PathBuf>,
@@ -233,6 +233,31 @@ pub(crate) struct DomainArgs {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct SwapArgs {
+    /// Name of the stage in the pipeline file; `odometry` is whichever there is
+    #[arg(value_name = "STAGE")]
+    pub(crate) stage: String,
+    /// Another kind that writes the same, for example loam in the place of lio
+    #[arg(long)]
+    pub(crate) kind: Option<String>,
+    /// Another executable that keeps the contract, and its first arguments; to be given last
+    #[arg(long, value_name = "EXECUTABLE", num_args = 1.., allow_hyphen_values = true)]
+    pub(crate) run: Option<Vec<PathBuf>>,
+    /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]
+    #[arg(long, value_name = "PIPELINE.toml")]
+    pub(crate) config: Option<PathBuf>,
+    /// Longest time until the new instance is ready
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
+    pub(crate) patience: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Space of shared-memory services [default: evac]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct StatusArgs {
     #[command(flatten)]
     pub(crate) domain: DomainArgs,
@@ -255,22 +280,6 @@ pub(crate) struct StageArgs {
     pub(crate) kind: String,
     #[command(flatten)]
     pub(crate) options: RunOptions,
-}
-
-#[derive(Debug, Args)]
-pub(crate) struct ConvertArgs {
-    /// Point cloud (PCD: ascii, binary or compressed)
-    #[arg(value_name = "CLOUD.pcd")]
-    pub(crate) cloud: PathBuf,
-    /// Edge of a voxel, metres
-    #[arg(long, value_name = "METRES")]
-    pub(crate) resolution: f64,
-    /// Leave the ground of all levels out
-    #[arg(long)]
-    pub(crate) remove_ground: bool,
-    /// Octree file, .bt (occupied or free) or .ot (log-odds)
-    #[arg(short, long, value_name = "MAP.bt|MAP.ot")]
-    pub(crate) output: PathBuf,
 }
 
 #[derive(Debug, Args)]

@@ -17,6 +17,9 @@ pub(crate) enum LaunchError {
     /// A stage ended; it has said why itself.
     #[error("stage '{name}' ended with code {code}")]
     Child { name: String, code: u8 },
+    /// What the doctor found, which has been printed.
+    #[error("{0} of these would stop a run")]
+    Unfit(usize),
     /// A stage ended without a word.
     #[error("{0}")]
     Silent(String),
@@ -26,7 +29,7 @@ impl LaunchError {
     pub(crate) fn code(&self) -> u8 {
         match self {
             Self::Run(error) => error.code(),
-            Self::File(_) | Self::Path(_) => 4,
+            Self::File(_) | Self::Path(_) | Self::Unfit(_) => 4,
             Self::Child { code, .. } => *code,
             Self::Silent(_) => 1,
         }

@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 
 use evac_config::{Mode, Pipeline, Rig, RigFile};
 use evac_formats::write_atomically;
-use evac_ports::{Domain, wait_on};
+use evac_ports::Domain;
 use evac_stage::start_logging;
 use toml::Value;
 
 use crate::check::check;
-use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, RecordingArgs, World};
+use crate::cli::{DemoArgs, MapArgs, Odometry, OdometryArgs, RecordingArgs};
 use crate::error::LaunchError;
 use crate::progress::Bar;
 use crate::registry::ODOMETRIES;
@@ -33,25 +33,14 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         pipeline.mode = Mode::Live;
     }
     choose(&mut pipeline, &args.odometry);
-    let world = match args.world {
-        World::Corridor => "corridor",
-        World::Hall => "hall",
-        World::Stairwell => "stairwell",
-        World::FloorPlan => "floor_plan",
-        World::Rough => "rough",
-        World::Tunnel => "tunnel",
-        World::Plant => "plant",
-        World::Office => "office",
-        World::Atrium => "atrium",
-        World::OpenHall => "open_hall",
-        World::Ramp => "ramp",
-        World::Shaft => "shaft",
-    };
+    let world = Value::try_from(args.world)
+        .map_err(|cause| LaunchError::Path(format!("--world {:?}: {cause}", args.world)))?;
+    let about = format!("simulated {}, seed {}", world.as_str().unwrap_or_default(), args.seed);
     let mut set_walk = |key: &str, value: Value| match args.devices {
         true => devices::set_walk(&mut pipeline, key, value),
         false => set(&mut pipeline, "simulator", key, value),
     };
-    set_walk("world", Value::from(world));
+    set_walk("world", world);
     for (key, value) in [("seed", args.seed), ("building", args.building)] {
         let number = i64::try_from(value).map_err(|_| {
             LaunchError::Path(format!("--{key} {value} is too large; use at most {}", i64::MAX))
@@ -65,13 +54,8 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         create_folder(folder)?;
         set_walk("record", path_value(folder)?);
     }
-    let run = Run {
-        command: "demo",
-        output: &args.output,
-        truth: None,
-        about: format!("simulated {world}, seed {}", args.seed),
-        ends_with: args.devices.then_some(devices::SIMULATOR),
-    };
+    let ends_with = args.devices.then_some(devices::SIMULATOR);
+    let run = Run { command: "demo", output: &args.output, truth: None, about, ends_with };
     run_to_the_end(pipeline, &Domain::new(&args.domain)?, args.resolution, &args.log, &run)
 }
 
@@ -87,6 +71,9 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
     if let Some(truth) = &args.truth {
         existing(truth)?;
     }
+    if let Some(rate) = args.rate {
+        (pipeline.mode, pipeline.rate) = (Mode::Live, rate);
+    }
     let own = format!("map-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
     let run = Run {
@@ -101,9 +88,13 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
 
 /// The replay's keys for a recording, whose files are there.
 pub(crate) fn keys_of(recording: &RecordingArgs) -> Result<Vec<(&'static str, Value)>, LaunchError> {
-    let mut keys = vec![("allow_truncated", Value::from(recording.allow_truncated))];
+    let mut keys = vec![
+        ("allow_truncated", Value::from(recording.allow_truncated)),
+        ("start_s", Value::from(recording.start)),
+        ("duration_s", Value::from(recording.duration)),
+    ];
     match (&recording.bag, &recording.lidar) {
-        (Some(bag), _) => keys.push(("bag", existing(bag)?)),
+        (Some(bag), _) => keys.push(("bag", existing_bag(bag)?)),
         (None, Some(lidar)) => {
             keys.push(("lidar", existing(lidar)?));
             if let Some(imu) = &recording.imu {
@@ -153,11 +144,11 @@ fn run_to_the_end(
     write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
 
     let started = Instant::now();
-    let (mut supervisor, listeners) = Supervisor::start(&pipeline, &file, domain, log)?;
+    let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, domain, log)?;
     let bar = Bar::new(&run.about);
     let mut frames = 0;
     let mut end = devices::End::of(run.ends_with);
-    let ended = wait_on(&listeners, |_| match step(&mut supervisor, &bar, &mut frames) {
+    let ended = wakeups.wait(|_| match step(&mut supervisor, &bar, &mut frames) {
         Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
         Ok(Progress::Running) if end.has_come(supervisor.board()) => ControlFlow::Break(Ok(())),
         Ok(Progress::Running) => ControlFlow::Continue(Duration::from_millis(100)),
@@ -219,6 +210,11 @@ fn existing(path: &PathBuf) -> Result<Value, LaunchError> {
         }
         Err(cause) => Err(LaunchError::Path(format!("{}: {cause}; check the path", path.display()))),
     }
+}
+
+/// The path of a bag, which may be a folder of files.
+fn existing_bag(path: &PathBuf) -> Result<Value, LaunchError> {
+    if path.is_dir() { path_value(path) } else { existing(path) }
 }
 
 pub(crate) fn path_value(path: &Path) -> Result<Value, LaunchError> {

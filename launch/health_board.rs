@@ -11,30 +11,64 @@ use serde_json::{Value, json};
 #[derive(Debug)]
 pub(crate) struct HealthBoard {
     port: RecordSubscriber<HealthStatus>,
-    newest: BTreeMap<String, Health>,
+    /// By name and epoch.
+    newest: BTreeMap<(String, u32), Health>,
+    /// The instance that leads, where it was said.
+    leading: BTreeMap<String, u32>,
 }
 
 impl HealthBoard {
     pub(crate) fn open(bus: &Bus) -> Result<(Self, Listener), PortError> {
         let (port, listener) = RecordSubscriber::open(bus)?;
-        Ok((Self { port, newest: BTreeMap::new() }, listener))
+        Ok((Self { port, newest: BTreeMap::new(), leading: BTreeMap::new() }, listener))
     }
 
     /// Takes all reports that have come.
     pub(crate) fn take_in(&mut self) -> Result<(), PortError> {
         while let Some(health) = self.port.receive()? {
-            self.newest.insert(Health::text_of(&health.name), health);
+            self.newest.insert((Health::text_of(&health.name), health.epoch), health);
         }
         Ok(())
     }
 
+    /// Of the instance that leads: the one that was named, or else the newest that neither follows nor has handed over.
     pub(crate) fn get(&self, name: &str) -> Option<&Health> {
-        self.newest.get(name)
+        if let Some(epoch) = self.leading.get(name) {
+            return self.of(name, *epoch);
+        }
+        let mut instances = self.instances(name).rev();
+        instances.clone().find(|health| leads(health)).or_else(|| instances.next())
     }
 
-    pub(crate) fn all(&self) -> impl Iterator<Item = (&str, &Health)> {
-        self.newest.iter().map(|(name, health)| (name.as_str(), health))
+    pub(crate) fn of(&self, name: &str, epoch: u32) -> Option<&Health> {
+        self.newest.get(&(name.to_owned(), epoch))
     }
+
+    /// All instances of a stage, the oldest first.
+    pub(crate) fn instances(&self, name: &str) -> impl DoubleEndedIterator<Item = &Health> + Clone {
+        self.newest.range((name.to_owned(), 0)..=(name.to_owned(), u32::MAX)).map(|(_, health)| health)
+    }
+
+    pub(crate) fn lead(&mut self, name: &str, epoch: u32) {
+        self.leading.insert(name.to_owned(), epoch);
+    }
+
+    pub(crate) fn forget(&mut self, name: &str, epoch: u32) {
+        self.newest.remove(&(name.to_owned(), epoch));
+    }
+
+    /// Every stage with the report of the instance that leads.
+    pub(crate) fn all(&self) -> impl Iterator<Item = (&str, &Health)> {
+        let mut names: Vec<_> = self.newest.keys().map(|(name, _)| name.as_str()).collect();
+        names.dedup();
+        names.into_iter().filter_map(|name| Some((name, self.get(name)?)))
+    }
+}
+
+/// Whether an instance processes frames, as far as it says.
+pub(crate) fn leads(health: &Health) -> bool {
+    let others = [StageState::Following, StageState::Ready, StageState::Retired];
+    others.iter().all(|state| *state as u32 != health.state)
 }
 
 /// The state in one word.
@@ -46,6 +80,12 @@ pub(crate) fn state_word(health: &Health) -> &'static str {
         "running"
     } else if state(StageState::Finished) {
         "finished"
+    } else if state(StageState::Following) {
+        "following"
+    } else if state(StageState::Ready) {
+        "standby"
+    } else if state(StageState::Retired) {
+        "retired"
     } else {
         "failed"
     }

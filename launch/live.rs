@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use evac_ports::{Domain, wait_on};
+use evac_ports::Domain;
 use evac_stage::{RunError, start_logging};
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -24,9 +24,10 @@ pub(crate) fn up(args: &UpArgs) -> Result<(), LaunchError> {
         .map_err(|cause| LaunchError::Path(format!("{}: {cause}", args.pipeline.display())))?;
     let name = args.domain.as_deref().or(pipeline.domain.as_deref()).unwrap_or(Domain::DEFAULT);
     let domain = Domain::new(name)?;
-    let (mut supervisor, listeners) = Supervisor::start(&pipeline, &file, &domain, &args.log)?;
+    let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, &domain, &args.log)?;
+    supervisor.restart_crashed()?;
     tracing::info!(domain = name, stages = pipeline.stages.len(), "all stages are up");
-    let ended = wait_on(&listeners, |_| {
+    let ended = wakeups.wait(|_| {
         let progress = drain(&mut supervisor);
         match progress {
             Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Ok(())),

@@ -2,10 +2,13 @@
 
 mod calibrate;
 mod check;
+mod child;
 mod cli;
+mod control;
 mod convert;
 mod cpu;
 mod devices;
+mod doctor;
 mod drift;
 mod error;
 mod eval;
@@ -15,9 +18,12 @@ mod health_board;
 mod live;
 mod progress;
 mod registry;
+mod restart;
+mod slot;
 mod status;
 mod summary;
 mod supervisor;
+mod swap;
 
 use std::process::ExitCode;
 
@@ -47,8 +53,11 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Calibrate(args) => calibrate::calibrate(&args),
         Command::Up(args) => live::up(&args),
         Command::Down(args) => live::down(&args),
+        Command::Swap(args) => control::swap(&args),
+        Command::Standby(args) => control::standby(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
+        Command::Doctor(args) => doctor::doctor(&args),
         Command::Stage(args) => registry::run_stage(&args),
         Command::Convert(args) => convert::convert(&args),
         Command::Experiment(args) => experiment::experiment(&args),

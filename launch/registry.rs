@@ -8,10 +8,13 @@ use evac_lidar::Lidar;
 use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
 use evac_odometry::{Lio, Loam};
+use evac_recorder::Recorder;
 use evac_replay::Replay;
 use evac_simulator::Simulator;
 use evac_simulator::devices::DeviceSimulator;
-use evac_stage::joins::{DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin};
+use evac_stage::joins::{
+    DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin, TapJoin,
+};
 use evac_stage::{
     Device, RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_device, run_source,
     run_stage as run_one, start_logging,
@@ -47,7 +50,7 @@ pub(crate) struct Kind {
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 11] {
+pub(crate) fn kinds() -> [Kind; 12] {
     [
         source::<Simulator>(),
         source::<Replay>(),
@@ -60,6 +63,7 @@ pub(crate) fn kinds() -> [Kind; 11] {
         stage::<OctreeMapper, ScanPoseJoin>(Role::Processor),
         stage::<GridExporter, PlanJoin>(Role::Consumer),
         stage::<MapSaver, SinkJoin>(Role::Consumer),
+        stage::<Recorder, TapJoin>(Role::Consumer),
     ]
 }
 
@@ -86,7 +90,6 @@ fn stage<S, J>(role: Role) -> Kind
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-    S::Output: StageOutput,
 {
     Kind {
         name: S::NAME,

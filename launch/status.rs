@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use evac_config::Pipeline;
+use evac_frames::Health;
 use evac_ports::{Bus, Domain, Wake, wait_on};
 use evac_stage::RunError;
 use serde_json::{Map, Value, json};
@@ -46,13 +47,23 @@ pub(crate) fn status(args: &StatusArgs) -> Result<(), LaunchError> {
         },
     })??;
     if args.json {
-        let stages: Map<String, Value> =
-            board.all().map(|(name, health)| (name.to_owned(), as_json(health))).collect();
+        let stages: Map<String, Value> = board
+            .all()
+            .map(|(name, health)| (name.to_owned(), with_standbys(&board, name, health)))
+            .collect();
         println!("{:#}", json!({ "domain": domain.name(), "launcher_pid": launcher, "stages": stages }));
     } else {
         print_table(&domain, launcher, &board);
     }
     Ok(())
+}
+
+/// The instance that leads, and beside it those that do not.
+fn with_standbys(board: &HealthBoard, name: &str, health: &Health) -> Value {
+    let mut json = as_json(health);
+    let others = board.instances(name).filter(|other| other.epoch != health.epoch);
+    json["standbys"] = others.map(as_json).collect();
+    json
 }
 
 fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard) {
@@ -75,7 +86,9 @@ fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard) {
         "compute",
         "end to end"
     );
-    for (name, health) in board.all() {
+    let instances = board.all().flat_map(|(name, _)| board.instances(name).map(move |health| (name, health)));
+    for (name, health) in instances {
+        let name = if health.epoch == 0 { name.to_owned() } else { format!("{name} #{}", health.epoch) };
         let triple = |latency: &evac_frames::LatencySummary| {
             let ms = |ns: u64| ns as f64 * 1e-6;
             format!("{:.2}/{:.2}/{:.2}", ms(latency.p50_ns), ms(latency.p99_ns), ms(latency.max_ns))

@@ -16,8 +16,18 @@ use crate::health_board::{HealthBoard, frames_json, latency_json, odometry_json,
 use crate::registry::ODOMETRIES;
 
 /// Files that a run leaves in its folder, in the order in which they are listed.
-const OUTPUTS: &[&str] =
-    &["map.ot", "map.bt", "plan.pgm", "plan.yaml", "plan.png", "trajectory.tum", "truth.tum", "cloud.pcd"];
+const OUTPUTS: &[&str] = &[
+    "map.ot",
+    "map.bt",
+    "plan.pgm",
+    "plan.yaml",
+    "plan.png",
+    "plan_ground.png",
+    "storeys.json",
+    "trajectory.tum",
+    "truth.tum",
+    "cloud.pcd",
+];
 
 /// What was run.
 #[derive(Debug)]

@@ -1,20 +1,27 @@
 //! Starts the stages of a pipeline as processes, watches them and stops them. No child outlives it.
 
-use std::os::unix::process::CommandExt as _;
-use std::path::{Path, PathBuf};
-use std::process::{Child as Process, Command, ExitStatus};
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::ExitStatus;
 use std::time::{Duration, Instant};
 
 use evac_config::{Pipeline, StageEntry};
-use evac_frames::{Ack, Health, StageState};
-use evac_ports::services::SinkAck;
-use evac_ports::{Bus, Domain, DomainLock, Listener, RecordSubscriber};
+use evac_frames::{Ack, Health, Route, StageState};
+use evac_ports::services::{Routes, SinkAck};
+use evac_ports::{
+    Bus, Domain, DomainLock, Doorbell, Listener, RecordPublisher, RecordSubscriber, Wake, wait_on_bells,
+};
 use evac_stage::LogOptions;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::Signal;
 
+use crate::child::{Child, Surroundings};
+use crate::control::Server;
 use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
-use crate::registry::{Role, kind};
+use crate::registry::Role;
+use crate::restart::Restarts;
+use crate::slot::Slot;
+use crate::swap::Operation;
 
 /// How long a stage may take until its ports are open.
 const START_PATIENCE: Duration = Duration::from_secs(30);
@@ -25,20 +32,22 @@ const POLL: Duration = Duration::from_millis(20);
 /// A running pipeline.
 #[derive(Debug)]
 pub(crate) struct Supervisor {
-    children: Vec<Child>,
-    board: HealthBoard,
+    pub(crate) pipeline: Pipeline,
+    /// In the pipeline's order.
+    pub(crate) slots: Vec<Slot>,
+    /// Every process, standbys included.
+    pub(crate) children: Vec<Child>,
+    pub(crate) board: HealthBoard,
+    pub(crate) around: Surroundings,
+    pub(crate) operation: Option<Operation>,
+    /// Where crashed stages are started anew.
+    pub(crate) restarts: Option<Restarts>,
+    control: Server,
     acks: RecordSubscriber<SinkAck>,
+    routes: RecordPublisher<Routes>,
     pub(crate) bus: Bus,
     /// Dropped last: it removes what the domain left behind.
     _lock: DomainLock,
-}
-
-#[derive(Debug)]
-struct Child {
-    name: String,
-    role: Role,
-    process: Process,
-    ended: Option<ExitStatus>,
 }
 
 /// What a running pipeline is doing.
@@ -49,64 +58,68 @@ pub(crate) enum Progress {
     Finished,
 }
 
+/// What wakes whoever watches a pipeline: reports, acknowledgements, the end of a child, and requests.
+#[derive(Debug)]
+pub(crate) struct Wakeups {
+    pub(crate) listeners: Vec<Listener>,
+    bell: Doorbell,
+}
+
+impl Wakeups {
+    /// As [`evac_ports::wait_on`].
+    pub(crate) fn wait<B>(
+        &self,
+        look: impl FnMut(Wake) -> ControlFlow<B, Duration>,
+    ) -> Result<B, LaunchError> {
+        Ok(wait_on_bells(&self.listeners, &[&self.bell], look)?)
+    }
+}
+
 impl Supervisor {
     /// Starts all stages: consumers and processors first, producers when all others are ready, so that no frame is missed.
-    /// Gives the listeners that wake whoever watches it.
     pub(crate) fn start(
         pipeline: &Pipeline,
         file: &Path,
         domain: &Domain,
         log: &LogOptions,
-    ) -> Result<(Self, Vec<Listener>), LaunchError> {
+    ) -> Result<(Self, Wakeups), LaunchError> {
         let lock = domain.lock()?;
         let bus = Bus::join(domain, "launcher")?;
         bus.clean_up_dead();
         let (board, health_listener) = HealthBoard::open(&bus)?;
         let (acks, ack_listener) = RecordSubscriber::open(&bus)?;
-        let mut supervisor = Self { children: Vec::new(), board, acks, bus, _lock: lock };
+        let bell = Doorbell::new()?;
+        let mut supervisor = Self {
+            pipeline: pipeline.clone(),
+            slots: pipeline.stages.iter().map(Slot::new).collect::<Result<_, _>>()?,
+            children: Vec::new(),
+            board,
+            around: Surroundings { domain: domain.clone(), log: log.clone(), ringer: bell.ringer() },
+            operation: None,
+            restarts: None,
+            control: Server::start(domain, bell.ringer())?,
+            acks,
+            routes: RecordPublisher::open(&bus)?,
+            bus,
+            _lock: lock,
+        };
         for role in [Role::Consumer, Role::Processor, Role::Producer] {
-            for entry in &pipeline.stages {
-                if kind(&entry.kind)?.role == role {
-                    supervisor.spawn(entry, role, file, domain, log)?;
-                }
+            let entries: Vec<StageEntry> = supervisor
+                .slots
+                .iter()
+                .filter(|slot| slot.role == role)
+                .map(|slot| slot.entry.clone())
+                .collect();
+            for entry in &entries {
+                let child = Child::spawn(entry, file, (0, false), &supervisor.around)?;
+                supervisor.children.push(child);
             }
             // A producer may be through before anyone has looked.
             if role != Role::Producer {
                 supervisor.wait_until_ready()?;
             }
         }
-        Ok((supervisor, vec![ack_listener, health_listener]))
-    }
-
-    fn spawn(
-        &mut self,
-        entry: &StageEntry,
-        role: Role,
-        file: &Path,
-        domain: &Domain,
-        log: &LogOptions,
-    ) -> Result<(), LaunchError> {
-        let (executable, arguments) = executable(entry)?;
-        let mut command = Command::new(&executable);
-        command
-            .args(arguments)
-            .arg("--config")
-            .arg(file)
-            .args(["--name", entry.name(), "--domain", domain.name()])
-            .args(["--die-with-parent".to_owned(), std::process::id().to_string()])
-            .args(log.as_args())
-            // Of its own, so that Ctrl-C reaches the launcher only and the stages are stopped in order.
-            .process_group(0);
-        let process = command.spawn().map_err(|cause| {
-            LaunchError::Path(format!(
-                "cannot start stage '{}' ({}): {cause}; check run in the pipeline file",
-                entry.name(),
-                executable.display()
-            ))
-        })?;
-        tracing::debug!(stage = entry.name(), pid = process.id(), "started");
-        self.children.push(Child { name: entry.name().to_owned(), role, process, ended: None });
-        Ok(())
+        Ok((supervisor, Wakeups { listeners: vec![ack_listener, health_listener], bell }))
     }
 
     fn wait_until_ready(&mut self) -> Result<(), LaunchError> {
@@ -115,7 +128,7 @@ impl Supervisor {
             self.watch()?;
             let late = self.children.iter().find(|child| {
                 let health = self.board.get(&child.name);
-                health.is_none_or(|health| health.pid != child.process.id())
+                health.is_none_or(|health| health.pid != child.pid())
             });
             let Some(late) = late else { return Ok(()) };
             if Instant::now() > until {
@@ -132,29 +145,153 @@ impl Supervisor {
         }
     }
 
-    /// Looks after the children and their reports.
+    /// Looks after the children, their reports, and what was asked for.
     pub(crate) fn watch(&mut self) -> Result<Progress, LaunchError> {
         self.board.take_in()?;
         for child in &mut self.children {
-            if child.ended.is_none() {
-                child.ended = child.process.try_wait().map_err(|cause| lost(&child.name, &cause))?;
-            }
+            child.look()?;
         }
+        self.greet()?;
+        while let Some((request, reply)) = self.control.next() {
+            self.take_request(&request, reply);
+        }
+        self.operate()?;
+        self.replace_dead()?;
+        self.restart()?;
         // The stage that failed first is the cause; others may follow because of it.
-        let failed = self.children.iter().find(|child| child.ended.is_some_and(|status| !status.success()));
-        if let Some(child) = failed {
+        let mut leading = self.children.iter().filter(|child| self.leads(child));
+        if let Some(child) = leading.clone().find(|child| child.ended.is_some_and(|status| !status.success()))
+        {
             return Err(child.failure());
         }
         // A producer may be through, a sink may have written everything; a processor ends only when it is told to.
-        if let Some(child) = self.children.iter().find(|c| c.role == Role::Processor && c.ended.is_some()) {
+        let is_of = |child: &&Child, role: Role| self.role_of(child) == Some(role);
+        if let Some(child) = leading.find(|child| is_of(child, Role::Processor) && child.ended.is_some()) {
             return Err(LaunchError::Silent(format!(
                 "stage '{}' ended although it was not told to",
                 child.name
             )));
         }
-        let mut sinks = self.children.iter().filter(|child| child.role == Role::Consumer).peekable();
+        let mut sinks =
+            self.children.iter().filter(|child| self.leads(child) && is_of(child, Role::Consumer)).peekable();
         let finished = sinks.peek().is_some() && sinks.all(|child| child.ended.is_some());
+        let finished = finished && self.restarts.as_ref().is_none_or(|restarts| !restarts.are_under_way());
         Ok(if finished { Progress::Finished } else { Progress::Running })
+    }
+
+    /// Tells a process that has just come who leads.
+    fn greet(&mut self) -> Result<(), LaunchError> {
+        let mut is_new = false;
+        for child in self.children.iter_mut().filter(|child| !child.greeted) {
+            let health = self.board.of(&child.name, child.epoch);
+            child.greeted = health.is_some_and(|health| health.pid == child.pid());
+            is_new |= child.greeted;
+        }
+        if is_new {
+            for route in self.slots.iter().filter_map(|slot| slot.route) {
+                self.routes.publish(&route)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Where the leading instance of a stage has died, a standby that is ready takes its place, or else it is started anew.
+    fn replace_dead(&mut self) -> Result<(), LaunchError> {
+        let died = |child: &Child| child.ended.is_some_and(|status: ExitStatus| !status.success());
+        for index in 0..self.slots.len() {
+            let Some(slot) = self.slots.get(index) else { continue };
+            let dead = self
+                .children
+                .iter()
+                .find(|child| child.name == slot.name() && self.leads(child) && died(child));
+            let Some(dead) = dead else { continue };
+            let (name, old, cause) = (dead.name.clone(), dead.epoch, dead.failure());
+            if let Some((epoch, pid)) = self.ready_standby(index) {
+                self.say(index, |slot| slot.take_over(epoch))?;
+                tracing::warn!(stage = name, %cause, epoch, pid, "the standby has taken over");
+                self.end(&name, old)?;
+                self.board.lead(&name, epoch);
+            } else if self.plan_restart(index, (&name, old))? {
+                tracing::warn!(stage = name, %cause, "is started again");
+                self.end(&name, old)?;
+            }
+        }
+        // A standby that died is missed by nobody.
+        let gone: Vec<_> = self
+            .children
+            .iter()
+            .filter(|child| child.ended.is_some() && !self.leads(child))
+            .map(|child| (child.name.clone(), child.epoch, child.failure()))
+            .collect();
+        for (name, epoch, cause) in gone {
+            let slot = self.slots.iter().position(|slot| slot.name() == name).unwrap_or(usize::MAX);
+            let operated = self.operation.as_ref().is_some_and(|operation| operation.is_about(&name, epoch));
+            let restarted = self.restarts.as_ref().is_some_and(|restarts| restarts.is_about(slot, epoch));
+            if !operated && !restarted {
+                tracing::warn!(stage = name, epoch, %cause, "a standby has ended");
+                self.end(&name, epoch)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn slot_of_child(&self, child: &Child) -> Option<&Slot> {
+        self.slots.iter().find(|slot| slot.name() == child.name)
+    }
+
+    fn leads(&self, child: &Child) -> bool {
+        self.slot_of_child(child).is_some_and(|slot| slot.epoch == child.epoch)
+    }
+
+    fn role_of(&self, child: &Child) -> Option<Role> {
+        self.slot_of_child(child).map(|slot| slot.role)
+    }
+
+    pub(crate) fn child(&self, name: &str, epoch: u32) -> Option<&Child> {
+        self.children.iter().find(|child| child.name == name && child.epoch == epoch)
+    }
+
+    /// Ends an instance for good and frees what it left.
+    pub(crate) fn end(&mut self, name: &str, epoch: u32) -> Result<(), LaunchError> {
+        for child in self.children.iter_mut().filter(|child| child.name == name && child.epoch == epoch) {
+            child.kill()?;
+        }
+        self.children.retain(|child| !(child.name == name && child.epoch == epoch));
+        // What it has said last is heard before it is forgotten.
+        self.board.take_in()?;
+        self.board.forget(name, epoch);
+        self.bus.clean_up_dead();
+        Ok(())
+    }
+
+    /// Says a word about a stage to all processes.
+    pub(crate) fn say(
+        &mut self,
+        slot: usize,
+        word: impl FnOnce(&mut Slot) -> Result<Route, LaunchError>,
+    ) -> Result<u64, LaunchError> {
+        let Some(slot) = self.slots.get_mut(slot) else { return Ok(0) };
+        let route = word(slot)?;
+        self.routes.publish(&route)?;
+        Ok(route.from_seq)
+    }
+
+    /// As [`Self::say`], where the instance that was started as `entry` leads from now on; gives its first frame.
+    pub(crate) fn lead(
+        &mut self,
+        slot: usize,
+        entry: &StageEntry,
+        word: impl FnOnce(&mut Slot) -> Result<Route, LaunchError>,
+    ) -> Result<u64, LaunchError> {
+        let from_seq = self.say(slot, word)?;
+        if let Some(slot) = self.slots.get_mut(slot) {
+            slot.entry = entry.clone();
+            self.board.lead(entry.name(), slot.epoch);
+        }
+        if let Some(place) = self.pipeline.stages.get_mut(slot) {
+            *place = entry.clone();
+        }
+        Ok(from_seq)
     }
 
     /// Acknowledgements of the sinks since the last call.
@@ -164,7 +301,7 @@ impl Supervisor {
 
     /// Scans that the producer will send in all, where it knows.
     pub(crate) fn total_scans(&self) -> Option<u64> {
-        let producers = self.children.iter().filter(|child| child.role == Role::Producer);
+        let producers = self.children.iter().filter(|child| self.role_of(child) == Some(Role::Producer));
         producers
             .filter_map(|child| self.board.get(&child.name))
             .map(|health| health.total)
@@ -189,23 +326,34 @@ impl Supervisor {
     }
 
     fn stop_role(&mut self, role: Role) -> Result<(), LaunchError> {
-        for child in self.children.iter().filter(|child| child.role == role && child.ended.is_none()) {
-            child.signal(Signal::TERM);
+        let of_role: Vec<_> = (0..self.children.len())
+            .filter(|index| self.children.get(*index).and_then(|child| self.role_of(child)) == Some(role))
+            .collect();
+        let of_role = |index: usize| of_role.contains(&index);
+        let is_led: Vec<_> = self.children.iter().map(|child| self.leads(child)).collect();
+        for (_, child) in self.children.iter().enumerate().filter(|(index, _)| of_role(*index)) {
+            if child.ended.is_none() {
+                child.signal(Signal::TERM);
+            }
         }
         let until = Instant::now() + STOP_PATIENCE;
         let mut result = Ok(());
-        for child in self.children.iter_mut().filter(|child| child.role == role && child.ended.is_none()) {
+        for (index, child) in self.children.iter_mut().enumerate().filter(|(index, _)| of_role(*index)) {
+            if child.ended.is_some() {
+                continue;
+            }
             while child.ended.is_none() {
                 self.board.take_in()?;
-                child.ended = child.process.try_wait().map_err(|cause| lost(&child.name, &cause))?;
+                child.look()?;
                 if child.ended.is_none() && Instant::now() > until {
                     tracing::warn!(stage = child.name, "did not end after SIGTERM and is killed");
-                    child.signal(Signal::KILL);
-                    child.ended = Some(child.process.wait().map_err(|cause| lost(&child.name, &cause))?);
+                    child.kill()?;
                 }
                 std::thread::sleep(POLL);
             }
-            if child.ended.is_some_and(|status| !status.success()) {
+            // A standby's end is nobody's loss.
+            let failed = child.ended.is_some_and(|status| !status.success());
+            if failed && is_led.get(index) == Some(&true) {
                 result = result.and(Err(child.failure()));
             }
         }
@@ -221,57 +369,13 @@ impl Drop for Supervisor {
         }
         let until = Instant::now() + Duration::from_secs(5);
         for child in self.children.iter_mut().filter(|child| child.ended.is_none()) {
-            while Instant::now() < until && matches!(child.process.try_wait(), Ok(None)) {
+            while Instant::now() < until && child.look().is_ok() && child.ended.is_none() {
                 std::thread::sleep(POLL);
             }
-            child.signal(Signal::KILL);
             // The child is gone either way; there is nobody left to tell.
-            let _ = child.process.wait();
+            let _ = child.kill();
         }
         self.bus.clean_up_dead();
-    }
-}
-
-impl Child {
-    fn signal(&self, signal: Signal) {
-        let pid = i32::try_from(self.process.id()).ok().and_then(Pid::from_raw);
-        if let Some(pid) = pid
-            && let Err(cause) = kill_process(pid, signal)
-        {
-            tracing::debug!(stage = self.name, %cause, "already gone");
-        }
-    }
-
-    fn failure(&self) -> LaunchError {
-        use std::os::unix::process::ExitStatusExt as _;
-        let status = self.ended.unwrap_or_default();
-        match status.code() {
-            Some(code @ 1..=5) => {
-                LaunchError::Child { name: self.name.clone(), code: u8::try_from(code).unwrap_or(1) }
-            }
-            Some(code) => LaunchError::Silent(format!("stage '{}' ended with code {code}", self.name)),
-            None => LaunchError::Silent(format!(
-                "stage '{}' was killed by signal {}; look for memory shortage (dmesg) or who killed it",
-                self.name,
-                status.signal().unwrap_or(0)
-            )),
-        }
-    }
-}
-
-fn lost(name: &str, cause: &std::io::Error) -> LaunchError {
-    LaunchError::Silent(format!("stage '{name}' cannot be watched: {cause}"))
-}
-
-/// A stage of evac's own runs from this executable; another is named in the pipeline file.
-fn executable(entry: &StageEntry) -> Result<(PathBuf, Vec<PathBuf>), LaunchError> {
-    match entry.run.as_deref() {
-        Some([executable, arguments @ ..]) => Ok((executable.clone(), arguments.to_vec())),
-        _ => {
-            let own = std::env::current_exe()
-                .map_err(|cause| LaunchError::Path(format!("cannot find my own executable: {cause}")))?;
-            Ok((own, vec![PathBuf::from("stage"), PathBuf::from(&entry.kind)]))
-        }
     }
 }
 

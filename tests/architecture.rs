@@ -20,7 +20,7 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-stage" => &["evac-config", "evac-frames", "evac-ports"],
         "evac-deskewer" | "evac-odometry" => &["evac-frames", "evac-geometry", "evac-stage"],
         "evac-octree-mapper" => &["evac-frames", "evac-geometry", "evac-octree", "evac-stage"],
-        "evac-simulator" | "evac-replay" | "evac-map-saver" => {
+        "evac-simulator" | "evac-replay" | "evac-map-saver" | "evac-recorder" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-stage"]
         }
         "evac-lidar" => &["evac-clock", "evac-formats", "evac-frames", "evac-stage"],

@@ -1,14 +1,16 @@
 // Inserts scans with OctoMap's library and says what it cost. The Rust side (src/main.rs) writes the scans, starts this
 // and compares the files.
 //
-// octomap SCANS RESOLUTION MAX_RANGE MODE FOLDER CHECKPOINT...
+// octomap SCANS RESOLUTION MAX_RANGE MODE QUERIES FOLDER CHECKPOINT...
 //   SCANS: per scan origin (3 f32), number of points (u32), points (3 f32 each), little endian
 //   MODE: exact | discretized (lazy and discretize, as octomap_server has it)
+//   QUERIES: queries | none, on the last map
 // Prints one line `key value` a figure; times are processor times in milliseconds. FOLDER gets N.ot after N scans.
 
 #include <malloc.h>
 #include <time.h>
 
+#include <algorithm>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
@@ -63,111 +65,174 @@ struct Lcg {
 
 constexpr int kCasts = 2000;
 constexpr int kBoxes = 2000;
+constexpr int kRounds = 5;
+
+// Median processor time of a few rounds; `prepare` is not timed.
+template <typename Prepare, typename Work>
+double median_ms(Prepare prepare, Work work) {
+  std::vector<double> times;
+  for (int i = 0; i < kRounds; ++i) {
+    auto state = prepare();
+    const double start = cpu_ms();
+    work(state);
+    times.push_back(cpu_ms() - start);
+  }
+  std::sort(times.begin(), times.end());
+  return times[kRounds / 2];
+}
+
+template <typename Work>
+double median_ms(Work work) {
+  return median_ms([] { return 0; }, [&work](int) { work(); });
+}
+
+// Calls `visit` with each leaf of the boxes and the box.
+template <typename Visit>
+void for_each_in_boxes(const octomap::OcTree& tree, const octomap::point3d& at, Visit visit) {
+  Lcg random{1};
+  for (int i = 0; i < kBoxes; ++i) {
+    float low[3];
+    for (int axis = 0; axis < 3; ++axis) {
+      const double reach = axis == 2 ? 2.0 : 10.0;
+      low[axis] = static_cast<float>(at(axis) + (random.uniform() * 2.0 - 1.0) * reach);
+    }
+    const octomap::point3d min(low[0], low[1], low[2]);
+    const octomap::point3d max(low[0] + 1.0f, low[1] + 1.0f, low[2] + 1.0f);
+    for (auto it = tree.begin_leafs_bbx(min, max), end = tree.end_leafs_bbx(); it != end; ++it) visit(it, min, max);
+  }
+}
 
 void queries(octomap::OcTree& tree, const octomap::point3d& at, double max_range, const std::string& folder) {
   {
-    const double start = cpu_ms();
     size_t leaves = 0;
     double sum = 0;
-    for (auto it = tree.begin_leafs(), end = tree.end_leafs(); it != end; ++it) {
-      ++leaves;
-      sum += it->getLogOdds();
-    }
-    std::printf("leaves_ms %.6f\nleaves %zu\nleaves_sum %.9g\n", cpu_ms() - start, leaves, sum);
-  }
-  {
-    Lcg random{1};
-    const double start = cpu_ms();
-    size_t leaves = 0;
-    for (int i = 0; i < kBoxes; ++i) {
-      float low[3];
-      for (int axis = 0; axis < 3; ++axis) {
-        const double reach = axis == 2 ? 2.0 : 10.0;
-        low[axis] = static_cast<float>(at(axis) + (random.uniform() * 2.0 - 1.0) * reach);
+    const double ms = median_ms([&] {
+      leaves = 0;
+      sum = 0;
+      for (auto it = tree.begin_leafs(), end = tree.end_leafs(); it != end; ++it) {
+        ++leaves;
+        sum += it->getLogOdds();
       }
-      const octomap::point3d min(low[0], low[1], low[2]);
-      const octomap::point3d max(low[0] + 1.0f, low[1] + 1.0f, low[2] + 1.0f);
-      for (auto it = tree.begin_leafs_bbx(min, max), end = tree.end_leafs_bbx(); it != end; ++it) ++leaves;
-    }
-    std::printf("boxes_ms %.6f\nboxes %zu\n", cpu_ms() - start, leaves);
+    });
+    std::printf("leaves_ms %.6f\nleaves %zu\nleaves_sum %.9g\n", ms, leaves, sum);
   }
   {
-    Lcg random{2};
-    const double start = cpu_ms();
+    double sum = 0;
+    const double ms = median_ms([&] {
+      sum = 0;
+      for_each_in_boxes(tree, at, [&sum](auto& it, auto&, auto&) { sum += it->getLogOdds() + it.getDepth(); });
+    });
+    // The voxels that leaves and boxes share: the same whether a large leaf is told whole or in parts.
+    size_t voxels = 0;
+    double weighed = 0;
+    for_each_in_boxes(tree, at, [&](auto& it, auto& min, auto& max) {
+      const octomap::OcTreeKey low = tree.coordToKey(min), high = tree.coordToKey(max), key = it.getIndexKey();
+      const int edge = 1 << (16 - it.getDepth());
+      size_t shared = 1;
+      for (int axis = 0; axis < 3; ++axis) {
+        const int from = std::max<int>(low[axis], key[axis]), to = std::min<int>(high[axis], key[axis] + edge - 1);
+        shared *= static_cast<size_t>(std::max(0, to - from + 1));
+      }
+      voxels += shared;
+      weighed += static_cast<double>(shared) * it->getLogOdds();
+    });
+    std::printf("boxes_ms %.6f\nboxes %zu\nboxes_sum %.9g\n", ms, voxels, weighed);
+    if (sum == 0.5) std::printf("unlikely %.9g\n", sum);  // so that the timed loop has a purpose
+  }
+  {
     size_t hits = 0;
     double sum = 0;
-    for (int i = 0; i < kCasts; ++i) {
-      float d[3];
-      for (float& axis : d) axis = static_cast<float>(random.uniform() * 2.0 - 1.0);
-      d[2] *= 0.25f;
-      octomap::point3d end;
-      if (tree.castRay(at, octomap::point3d(d[0], d[1], d[2]), end, true, max_range)) {
-        ++hits;
+    const double ms = median_ms([&] {
+      Lcg random{2};
+      hits = 0;
+      sum = 0;
+      for (int i = 0; i < kCasts; ++i) {
+        float d[3];
+        for (float& axis : d) axis = static_cast<float>(random.uniform() * 2.0 - 1.0);
+        d[2] *= 0.25f;
+        octomap::point3d end;
+        hits += tree.castRay(at, octomap::point3d(d[0], d[1], d[2]), end, true, max_range);
         sum += end.x() + end.y() + end.z();
       }
-    }
-    std::printf("casts_ms %.6f\ncasts %zu\ncasts_sum %.9g\n", cpu_ms() - start, hits, sum);
+    });
+    std::printf("casts_ms %.6f\ncasts %zu\ncasts_sum %.9g\n", ms, hits, sum);
   }
   {
-    double start = cpu_ms();
-    std::ostringstream out;
-    tree.write(out);
-    std::printf("write_ot_ms %.6f\n", cpu_ms() - start);
-    const std::string bytes = out.str();
-    std::istringstream in(bytes);
-    start = cpu_ms();
-    std::unique_ptr<octomap::AbstractOcTree> read(octomap::AbstractOcTree::read(in));
-    std::printf("read_ot_ms %.6f\n", cpu_ms() - start);
+    std::string bytes;
+    std::printf("write_ot_ms %.6f\n", median_ms([&] {
+      std::ostringstream out;
+      tree.write(out);
+      bytes = out.str();
+    }));
+    // The messages of OctoMap's readers go to stderr.
+    std::unique_ptr<octomap::AbstractOcTree> read;
+    std::printf("read_ot_ms %.6f\n", median_ms([&] {
+      read.reset();
+      return std::make_unique<std::istringstream>(bytes);
+    }, [&](auto& in) { read.reset(octomap::AbstractOcTree::read(*in)); }));
   }
   {
     // As user code merges two maps: each voxel of the other is an update. Here a map with itself.
-    octomap::OcTree other(tree);
-    octomap::OcTree sum(tree);
-    const double start = cpu_ms();
-    other.expand();
-    for (auto it = other.begin_leafs(), end = other.end_leafs(); it != end; ++it)
-      sum.updateNode(it.getKey(), it->getLogOdds(), true);
-    sum.updateInnerOccupancy();
-    sum.prune();
-    std::printf("merge_ms %.6f\n", cpu_ms() - start);
-    sum.write(folder + "/merged.ot");
+    std::unique_ptr<octomap::OcTree> sum;
+    std::printf("merge_ms %.6f\n", median_ms([&] {
+      sum = std::make_unique<octomap::OcTree>(tree);
+      auto other = std::make_unique<octomap::OcTree>(tree);
+      other->expand();
+      return other;
+    }, [&](auto& other) {
+      for (auto it = other->begin_leafs(), end = other->end_leafs(); it != end; ++it)
+        sum->updateNode(it.getKey(), it->getLogOdds(), true);
+      sum->updateInnerOccupancy();
+      sum->prune();
+    }));
+    sum->write(folder + "/merged.ot");
   }
   {
-    octomap::OcTree copy(tree);
-    copy.expand();
-    const double start = cpu_ms();
-    copy.prune();
-    std::printf("prune_ms %.6f\n", cpu_ms() - start);
+    size_t nodes = 0;
+    std::printf("prune_ms %.6f\n", median_ms([&] {
+      auto copy = std::make_unique<octomap::OcTree>(tree);
+      copy->expand();
+      return copy;
+    }, [&](auto& copy) {
+      copy->prune();
+      nodes = copy->size();
+    }));
+    std::printf("pruned_nodes %zu\n", nodes);
   }
   {
     // writeBinary is maximum likelihood, prune and write.
-    octomap::OcTree copy(tree);
-    std::ostringstream out;
-    double start = cpu_ms();
-    copy.writeBinary(out);
-    std::printf("write_bt_ms %.6f\n", cpu_ms() - start);
-    const std::string bytes = out.str();
+    std::string bytes;
+    std::printf("write_bt_ms %.6f\n", median_ms([&] { return std::make_unique<octomap::OcTree>(tree); }, [&](auto& copy) {
+      std::ostringstream out;
+      copy->writeBinary(out);
+      bytes = out.str();
+    }));
     std::ofstream(folder + "/map.bt", std::ios::binary) << bytes;
-    std::istringstream in(bytes);
-    octomap::OcTree read(tree.getResolution());
-    start = cpu_ms();
-    read.readBinary(in);
-    std::printf("read_bt_ms %.6f\n", cpu_ms() - start);
+    std::unique_ptr<octomap::OcTree> read;
+    std::printf("read_bt_ms %.6f\n", median_ms([&] {
+      read.reset();
+      return std::make_unique<std::istringstream>(bytes);
+    }, [&](auto& in) {
+      read = std::make_unique<octomap::OcTree>(tree.getResolution());
+      read->readBinary(*in);
+    }));
+    read->write(folder + "/read_bt.ot");
   }
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 7) {
-    std::fprintf(stderr, "usage: octomap SCANS RESOLUTION MAX_RANGE exact|discretized FOLDER CHECKPOINT...\n");
+  if (argc < 8) {
+    std::fprintf(stderr, "usage: octomap SCANS RESOLUTION MAX_RANGE exact|discretized queries|none FOLDER CHECKPOINT...\n");
     return 2;
   }
   const double resolution = std::atof(argv[2]), max_range = std::atof(argv[3]);
   const bool discretized = std::string(argv[4]) == "discretized";
-  const std::string folder = argv[5];
+  const bool ask = std::string(argv[5]) == "queries";
+  const std::string folder = argv[6];
   std::vector<int> checkpoints;
-  for (int i = 6; i < argc; ++i) checkpoints.push_back(std::atoi(argv[i]));
+  for (int i = 7; i < argc; ++i) checkpoints.push_back(std::atoi(argv[i]));
 
   std::ifstream file(argv[1], std::ios::binary);
   octomap::OcTree tree(resolution);
@@ -191,7 +256,7 @@ int main(int argc, char** argv) {
     tree.write(folder + "/" + std::to_string(count) + ".ot");
     std::printf("heap_bytes %zu\nmemory_usage %zu\nnodes %zu\n", tree_heap, tree.memoryUsage(), tree.size());
     ++next;
-    if (next == checkpoints.size() && !discretized) queries(tree, scan.origin, max_range, folder);
+    if (next == checkpoints.size() && ask) queries(tree, scan.origin, max_range, folder);
     std::fflush(stdout);
   }
   return next == checkpoints.size() ? 0 : 1;

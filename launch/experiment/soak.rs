@@ -11,7 +11,7 @@ use evac_frames::{Ack, Health, PoseFrame, frame_flags};
 use evac_geometry::map_from_lidar;
 use evac_geometry::nalgebra::Isometry3;
 use evac_ports::services::{OdometryPose, ScanDeskewed, SinkAck, TruthPose};
-use evac_ports::{Bus, Domain, FrameSubscriber, PortError, RecordPublisher, RecordSubscriber, wait_on};
+use evac_ports::{Bus, Domain, FrameSubscriber, PortError, RecordPublisher, RecordSubscriber};
 use evac_stage::start_logging;
 use indicatif::ProgressBar;
 use toml::Value;
@@ -76,12 +76,12 @@ fn walk(
     let mut started = pipeline.clone();
     started.stages.retain(|stage| stage.name() != SINK);
     check(&started).map_err(super::usage)?;
-    let (mut supervisor, mut listeners) = Supervisor::start(&started, file, domain, &args.log)?;
+    let (mut supervisor, mut wakeups) = Supervisor::start(&started, file, domain, &args.log)?;
     let mut monitor = Monitor::open(&supervisor.bus)?;
-    listeners.append(&mut monitor.listeners);
+    wakeups.listeners.append(&mut monitor.listeners);
     let bar = bar(u64::from(args.minutes) * MINUTE as u64, "frames");
     println!("{}", Minute::head());
-    let ended = wait_on(&listeners, |_| match step(&mut supervisor, &mut monitor, &bar) {
+    let ended = wakeups.wait(|_| match step(&mut supervisor, &mut monitor, &bar) {
         Ok(false) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
         Ok(false) => ControlFlow::Continue(Duration::from_millis(500)),
         Ok(true) => ControlFlow::Break(Ok(())),

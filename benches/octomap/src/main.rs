@@ -8,6 +8,7 @@ mod queries;
 mod scans;
 
 use std::fs;
+use std::path::PathBuf;
 
 use anyhow::bail;
 use clap::Parser;
@@ -47,6 +48,12 @@ struct Options {
     /// Runs without OctoMap: only our figures.
     #[arg(long)]
     alone: bool,
+    /// Asks the last map nothing: OctoMap's tree without pruning, which two of the questions begin with, may need gigabytes.
+    #[arg(long)]
+    no_queries: bool,
+    /// Keeps OctoMap's maps and figures in this folder, and uses those that are there: it may take an hour for them.
+    #[arg(long)]
+    keep: Option<PathBuf>,
 }
 
 /// One line of the table.
@@ -58,6 +65,14 @@ struct Case {
     checkpoints: Vec<usize>,
     threads: u32,
     coarse: bool,
+    no_queries: bool,
+}
+
+impl Case {
+    /// Whether the last map is asked.
+    fn queries(&self) -> bool {
+        !self.discretized && !self.coarse && !self.no_queries
+    }
 }
 
 fn main() -> anyhow::Result<()> {
@@ -85,8 +100,17 @@ fn main() -> anyhow::Result<()> {
                 checkpoints: options.scans.clone(),
                 threads: options.threads,
                 coarse: options.coarse,
+                no_queries: options.no_queries,
             };
-            let same = run(&case, &scans, compare, &file, folder.path())?;
+            let name = format!(
+                "{sensor:?}-{resolution}-{}-{}-{}-{:?}",
+                options.max_range,
+                if case.discretized { "discretized" } else { "exact" },
+                options.stride,
+                case.checkpoints,
+            );
+            let maps = options.keep.as_deref().unwrap_or(folder.path()).join(name);
+            let same = run(&case, &scans, compare, &file, &maps)?;
             if options.check && !same {
                 bail!("a file differs from OctoMap's");
             }
@@ -142,8 +166,10 @@ fn run(
         println!();
     }
     match scans.last() {
-        Some(last) if !case.discretized && !case.coarse => {
-            Ok(all_same & queries::compare(&ours.map, last.origin, case.max_range, theirs.as_ref(), folder)?)
+        Some(last) if case.queries() => {
+            let count = scans.len();
+            Ok(all_same
+                & queries::compare(&ours.map, last.origin, case.max_range, count, theirs.as_ref(), folder)?)
         }
         _ => Ok(all_same),
     }

@@ -1,5 +1,6 @@
 //! Runs `octomap.cpp` and reads what it prints.
 
+use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -14,6 +15,15 @@ const PROGRAM: &str = env!("OCTOMAP_PROGRAM");
 pub(crate) struct Figures(Vec<(String, f64)>);
 
 impl Figures {
+    fn parse(text: &str) -> anyhow::Result<Self> {
+        let mut figures = Vec::new();
+        for line in text.lines() {
+            let (key, value) = line.split_once(' ').with_context(|| format!("no figure: {line}"))?;
+            figures.push((key.to_owned(), value.parse().with_context(|| format!("no number: {line}"))?));
+        }
+        Ok(Self(figures))
+    }
+
     pub(crate) fn all(&self, key: &str) -> Vec<f64> {
         self.0.iter().filter(|(name, _)| name == key).map(|(_, value)| *value).collect()
     }
@@ -27,12 +37,20 @@ pub(crate) fn is_built() -> bool {
     !PROGRAM.is_empty()
 }
 
-/// Inserts the scans of a file; `folder` gets the maps.
+/// Inserts the scans of a file; `folder` gets the maps and the figures. What an earlier run has left there is taken as it
+/// is.
 pub(crate) fn run(case: &Case, scans: &Path, folder: &Path) -> anyhow::Result<Figures> {
+    let kept = folder.join("figures");
+    if let Ok(text) = fs::read_to_string(&kept) {
+        println!("OctoMap's figures are of the run that has left {}", kept.display());
+        return Figures::parse(&text);
+    }
+    fs::create_dir_all(folder)?;
     let output = Command::new(PROGRAM)
         .arg(scans)
         .args([case.resolution.to_string(), case.max_range.to_string()])
         .arg(if case.discretized { "discretized" } else { "exact" })
+        .arg(if case.queries() { "queries" } else { "none" })
         .arg(folder)
         .args(case.checkpoints.iter().map(ToString::to_string))
         .stderr(Stdio::inherit())
@@ -41,10 +59,7 @@ pub(crate) fn run(case: &Case, scans: &Path, folder: &Path) -> anyhow::Result<Fi
     if !output.status.success() {
         bail!("the program that links OctoMap ended with {}", output.status);
     }
-    let mut figures = Vec::new();
-    for line in String::from_utf8_lossy(&output.stdout).lines() {
-        let (key, value) = line.split_once(' ').with_context(|| format!("no figure: {line}"))?;
-        figures.push((key.to_owned(), value.parse().with_context(|| format!("no number: {line}"))?));
-    }
-    Ok(Figures(figures))
+    let text = String::from_utf8_lossy(&output.stdout);
+    fs::write(kept, text.as_bytes())?;
+    Figures::parse(&text)
 }

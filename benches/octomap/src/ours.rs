@@ -27,7 +27,7 @@ pub(crate) struct Checkpoint {
 
 pub(crate) fn run(case: &Case, scans: &[Points]) -> Result<Run, MapError> {
     let mut map = OctreeMap::new(MapConfig {
-        max_bricks: 4_000_000,
+        max_bytes: 4 << 30,
         threads: case.threads,
         ..MapConfig::new(case.resolution)
     })?;

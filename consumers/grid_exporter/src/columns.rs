@@ -3,15 +3,17 @@
 use evac_frames::{Voxel, voxel_flags};
 use rustc_hash::FxHashMap;
 
+use crate::raster::Place;
+
 /// Columns along one side of a tile.
-const SIDE: i32 = 8;
+pub(crate) const SIDE: i32 = 8;
 /// Voxels of a column in one layer.
 const LAYER: i32 = 64;
 /// Key of the coordinate 0 (OctoMap).
 const ZERO_KEY: i32 = 32_768;
 
 /// One bit a voxel, lowest z in bit 0.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Bits {
     occupied: u64,
     free: u64,
@@ -24,8 +26,16 @@ struct Layer {
     columns: [Bits; (SIDE * SIDE) as usize],
 }
 
-/// All layers over one tile, in the order in which they were first seen.
-type Tile = Vec<Layer>;
+/// All layers over one tile, in the order in which they were first seen, and which of its columns have changed.
+#[derive(Default)]
+struct Tile {
+    layers: Vec<Layer>,
+    changed: u64,
+    ground_changed: u64,
+}
+
+/// Columns that have changed: the tile, and a bit for each column.
+pub(crate) type Marks = FxHashMap<Place, u64>;
 
 /// What is counted in a column.
 #[derive(Debug, Clone, Copy)]
@@ -41,7 +51,9 @@ pub(crate) struct Refused;
 
 /// All columns. Cells are counted from the map's origin: cell `i` spans `i * resolution` to `(i + 1) * resolution`.
 pub(crate) struct Columns {
-    tiles: FxHashMap<[i32; 2], Tile>,
+    tiles: FxHashMap<Place, Tile>,
+    /// Tiles in which something has changed.
+    changed: Vec<Place>,
     layers: usize,
     max_layers: usize,
     half_side: i32,
@@ -54,6 +66,7 @@ impl Columns {
     pub(crate) fn new(max_side_cells: u32, max_memory_mib: u32, occupied_from: f32) -> Self {
         Self {
             tiles: FxHashMap::default(),
+            changed: Vec::new(),
             layers: 0,
             max_layers: max_memory_mib as usize * 1024 * 1024 / size_of::<Layer>(),
             half_side: (max_side_cells / 2) as i32,
@@ -65,67 +78,115 @@ impl Columns {
     /// Forgets all voxels and allows columns around `centre` from now on.
     pub(crate) fn restart(&mut self, centre: [i32; 2]) {
         self.tiles.clear();
+        self.changed.clear();
         self.layers = 0;
         self.centre = centre;
     }
 
-    /// Takes a voxel's new state.
+    /// Takes a voxel's state, which replaces the one before: without any flag it is unknown again.
     pub(crate) fn apply(&mut self, voxel: &Voxel) -> Result<(), Refused> {
         let [x, y, z] = voxel.key.map(|key| i32::from(key) - ZERO_KEY);
-        let outside = |cell: i32, centre: i32| !(-self.half_side..self.half_side).contains(&(cell - centre));
-        let [cx, cy] = self.centre;
-        if voxel.log_odds.is_nan() || outside(x, cx) || outside(y, cy) {
+        if voxel.log_odds.is_nan() || !self.allows([x, y]) {
             return Err(Refused);
         }
-        let at = [x.div_euclid(SIDE), y.div_euclid(SIDE)];
+        let at = tile_of([x, y]);
         if self.layers >= self.max_layers && !self.tiles.contains_key(&at) {
             return Err(Refused);
         }
         let tile = self.tiles.entry(at).or_default();
         let chunk = z.div_euclid(LAYER);
-        let layer = match tile.iter().position(|layer| layer.chunk == chunk) {
-            Some(at) => tile.get_mut(at),
+        let layer = match tile.layers.iter().position(|layer| layer.chunk == chunk) {
+            Some(at) => tile.layers.get_mut(at),
             None if self.layers < self.max_layers => {
                 self.layers += 1;
-                tile.push(Layer { chunk, columns: [Bits::default(); (SIDE * SIDE) as usize] });
-                tile.last_mut()
+                tile.layers.push(Layer { chunk, columns: [Bits::default(); (SIDE * SIDE) as usize] });
+                tile.layers.last_mut()
             }
             None => None,
         };
-        let bits = layer.and_then(|layer| layer.columns.get_mut(index(x, y))).ok_or(Refused)?;
+        let bits = layer.and_then(|layer| layer.columns.get_mut(index([x, y]))).ok_or(Refused)?;
+        let before = *bits;
         let bit = 1u64 << z.rem_euclid(LAYER);
-        if voxel.flags & voxel_flags::KNOWN != 0 {
-            let occupied = voxel.log_odds >= self.occupied_from;
-            set(&mut bits.occupied, bit, occupied);
-            set(&mut bits.free, bit, !occupied);
-        }
-        if voxel.flags & voxel_flags::GROUND != 0 {
-            bits.ground |= bit;
+        let known = voxel.flags & voxel_flags::KNOWN != 0;
+        let occupied = voxel.log_odds >= self.occupied_from;
+        set(&mut bits.occupied, bit, known && occupied);
+        set(&mut bits.free, bit, known && !occupied);
+        set(&mut bits.ground, bit, voxel.flags & voxel_flags::GROUND != 0);
+        if *bits != before {
+            if tile.changed == 0 {
+                self.changed.push(at);
+            }
+            tile.changed |= 1 << index([x, y]);
+            tile.ground_changed |= u64::from(bits.ground != before.ground) << index([x, y]);
         }
         Ok(())
     }
 
-    /// Lowest cell and number of cells along x and y of the tiles that hold anything.
-    pub(crate) fn bounds(&self) -> Option<([i32; 2], [u32; 2])> {
-        let mut tiles = self.tiles.keys();
-        let first = *tiles.next()?;
-        let (low, high) = tiles.fold((first, first), |([lx, ly], [hx, hy]), [x, y]| {
-            ([lx.min(*x), ly.min(*y)], [hx.max(*x), hy.max(*y)])
-        });
-        let [x, y] = low.map(|tile| tile * SIDE);
-        let [w, h] = [0, 1].map(|axis: usize| ((high[axis] - low[axis] + 1) * SIDE) as u32);
-        Some(([x, y], [w, h]))
+    /// Whether columns may be here.
+    pub(crate) fn allows(&self, [x, y]: Place) -> bool {
+        let [cx, cy] = self.centre;
+        let inside =
+            |cell: i32, centre: i32| (-self.half_side..self.half_side).contains(&cell.saturating_sub(centre));
+        inside(x, cx) && inside(y, cy)
+    }
+
+    /// Whether nothing is known at all.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.tiles.is_empty()
+    }
+
+    /// Adds the columns that have changed since the last call to `columns`, and those whose ground has to `ground`.
+    pub(crate) fn take_changes(&mut self, columns: &mut Marks, ground: &mut Marks) {
+        for at in self.changed.drain(..) {
+            if let Some(tile) = self.tiles.get_mut(&at) {
+                *columns.entry(at).or_default() |= std::mem::take(&mut tile.changed);
+                match std::mem::take(&mut tile.ground_changed) {
+                    0 => {}
+                    mask => *ground.entry(at).or_default() |= mask,
+                }
+            }
+        }
+    }
+
+    /// Adds all columns to both.
+    pub(crate) fn all(&self, columns: &mut Marks, ground: &mut Marks) {
+        for at in self.tiles.keys() {
+            columns.insert(*at, u64::MAX);
+            ground.insert(*at, u64::MAX);
+        }
     }
 
     /// The column over a cell.
-    pub(crate) fn column(&self, x: i32, y: i32) -> Column<'_> {
-        let tile = self.tiles.get(&[x.div_euclid(SIDE), y.div_euclid(SIDE)]);
-        Column { layers: tile.map_or(&[], Vec::as_slice), index: index(x, y) }
+    pub(crate) fn column(&self, cell: Place) -> Column<'_> {
+        let tile = self.tiles.get(&tile_of(cell));
+        Column { layers: tile.map_or(&[], |tile| tile.layers.as_slice()), index: index(cell) }
     }
 }
 
-fn index(x: i32, y: i32) -> usize {
+/// The tile that holds a cell.
+pub(crate) fn tile_of(cell: Place) -> Place {
+    cell.map(|axis| axis.div_euclid(SIDE))
+}
+
+/// The place of a cell in its tile, row by row.
+pub(crate) fn index([x, y]: Place) -> usize {
     (y.rem_euclid(SIDE) * SIDE + x.rem_euclid(SIDE)) as usize
+}
+
+/// Marks a cell.
+pub(crate) fn mark(marks: &mut Marks, cell: Place) {
+    *marks.entry(tile_of(cell)).or_default() |= 1 << index(cell);
+}
+
+/// The marked cells of a tile.
+pub(crate) fn marked_cells(tile: Place, mut mask: u64) -> impl Iterator<Item = Place> {
+    let [x0, y0] = tile.map(|axis| axis * SIDE);
+    std::iter::from_fn(move || {
+        let bit = mask.trailing_zeros() as i32;
+        let cell = (mask != 0).then(|| [x0 + bit % SIDE, y0 + bit / SIDE]);
+        mask &= mask.wrapping_sub(1);
+        cell
+    })
 }
 
 fn set(bits: &mut u64, bit: u64, value: bool) {
@@ -147,6 +208,15 @@ impl Column<'_> {
             count += (bits & mask(low.saturating_sub(base), high.saturating_sub(base))).count_ones();
         }
         count
+    }
+
+    /// The highest voxel of this kind from `low` to `high`, both included.
+    pub(crate) fn highest(&self, kind: Kind, low: i32, high: i32) -> Option<i32> {
+        let tops = self.bits(kind).filter_map(|(base, bits)| {
+            let bits = bits & mask(low.saturating_sub(base), high.saturating_sub(base));
+            (bits != 0).then(|| base + LAYER - 1 - bits.leading_zeros() as i32)
+        });
+        tops.max()
     }
 
     /// Calls `visit` with the height of each ground voxel, in no particular order.
@@ -183,72 +253,4 @@ fn mask(low: i32, high: i32) -> u64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    fn voxel(x: i32, y: i32, z: i32, log_odds: f32, flags: u16) -> Voxel {
-        Voxel { key: [x, y, z].map(|cell| (cell + ZERO_KEY) as u16), flags, log_odds }
-    }
-
-    #[test]
-    fn a_voxel_seen_through_later_is_no_longer_occupied() {
-        let mut columns = Columns::new(100, 1, 0.0);
-        columns.apply(&voxel(-1, 2, -5, 0.5, voxel_flags::KNOWN)).unwrap();
-        assert_eq!(columns.column(-1, 2).count(Kind::Occupied, -5, -5), 1);
-        columns.apply(&voxel(-1, 2, -5, -0.5, voxel_flags::KNOWN)).unwrap();
-        assert_eq!(columns.column(-1, 2).count(Kind::Occupied, -100, 100), 0);
-        assert_eq!(columns.column(-1, 2).count(Kind::Free, -100, 100), 1);
-        assert_eq!(columns.column(-2, 2).count(Kind::Free, -100, 100), 0);
-    }
-
-    #[test]
-    fn a_ground_voxel_without_a_value_says_nothing_of_occupancy() {
-        let mut columns = Columns::new(100, 1, 0.0);
-        columns.apply(&voxel(0, 0, 0, 0.0, voxel_flags::GROUND)).unwrap();
-        let column = columns.column(0, 0);
-        assert_eq!(
-            [Kind::Ground, Kind::Occupied, Kind::Free].map(|kind| column.count(kind, 0, 0)),
-            [1, 0, 0]
-        );
-    }
-
-    #[test]
-    fn voxels_beyond_the_side_or_the_memory_are_refused() {
-        let mut columns = Columns::new(100, 1, 0.0);
-        columns.restart([1000, 0]);
-        assert_eq!(columns.apply(&voxel(0, 0, 0, 1.0, voxel_flags::KNOWN)), Err(Refused));
-        assert_eq!(columns.apply(&voxel(1049, 0, 0, 1.0, voxel_flags::KNOWN)), Ok(()));
-        assert_eq!(columns.apply(&voxel(1050, 0, 0, 1.0, voxel_flags::KNOWN)), Err(Refused));
-        assert_eq!(columns.apply(&voxel(1000, 0, 0, f32::NAN, voxel_flags::KNOWN)), Err(Refused));
-        // A layer takes 1.5 KiB: more than 600 and less than 700 fit one MiB.
-        let taken = (-50..50).flat_map(|x| (-10..10).map(move |chunk| (x, chunk))).filter(|(x, chunk)| {
-            columns.apply(&voxel(1000 + x, 8 * x.rem_euclid(5), chunk * 64, 1.0, voxel_flags::KNOWN)).is_ok()
-        });
-        assert!(taken.count() < 2000);
-        assert_eq!(columns.layers, columns.max_layers);
-        assert!(columns.tiles.values().all(|tile| !tile.is_empty()), "what was refused leaves nothing");
-        assert!((600..700).contains(&columns.layers));
-    }
-
-    proptest! {
-        #[test]
-        fn counting_by_masks_equals_counting_one_by_one(
-            heights in proptest::collection::btree_set(-200i32..200, 0..60),
-            low in -220i32..220,
-            size in 0i32..200,
-        ) {
-            let mut columns = Columns::new(100, 1, 0.0);
-            for z in &heights {
-                columns.apply(&voxel(3, -4, *z, 1.0, voxel_flags::KNOWN | voxel_flags::GROUND)).unwrap();
-            }
-            let expected = heights.iter().filter(|z| (low..=low + size).contains(*z)).count();
-            prop_assert_eq!(columns.column(3, -4).count(Kind::Occupied, low, low + size), expected as u32);
-            let mut ground = Vec::new();
-            columns.column(3, -4).for_each_ground(|z| ground.push(z));
-            ground.sort_unstable();
-            prop_assert_eq!(ground, heights.into_iter().collect::<Vec<_>>());
-        }
-    }
-}
+mod tests;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use evac_formats::occupancy_grid;
 use evac_stage::{StageConfig, check_range};
 use serde::{Deserialize, Serialize};
 
@@ -9,10 +10,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GridExporterConfig {
-    /// Folder for `plan.pgm`, `plan.yaml` and `plan.png`; it is created.
+    /// Folder for `plan.pgm`, `plan.yaml`, `plan.png` and what else there is, see the crate; it is created.
     pub output_dir: PathBuf,
-    /// Seconds of sensor time between two plans on `grid/plan`. Each costs a projection of the whole map, tens of
-    /// milliseconds for a large building.
+    /// How cells become grey, as in nav2: `trinary` (PGM: black, white, grey for unknown), `raw` (PGM of the values 0, 100 and
+    /// 255 for unknown), or `scale` (`plan_scale.png`, unknown transparent). `plan.yaml` names mode and picture.
+    pub mode: Mode,
+    /// Least time between two plans on `grid/plan`, seconds of sensor time; 0 publishes with each frame that changes the plan.
+    /// Projecting costs what has changed, but a message holds the whole plan: a millisecond for a million cells.
     pub publish_interval_s: f64,
     /// Seconds of sensor time between two savings of the files, 0 for the end of the stream only. A power cut loses at
     /// most this much.
@@ -20,6 +24,11 @@ pub struct GridExporterConfig {
     /// Lower and upper end of the height band in metres: what a person or a robot would bump into. Below 0.2 m lie
     /// thresholds and the noise of the ground, above 1.8 m lamps, door frames and the ceiling.
     pub band_m: [f64; 2],
+    /// Projects as `octomap_server` does its `projected_map`: between these heights in the map frame, metres (its
+    /// `occupancy_min_z` and `occupancy_max_z`), any occupied voxel makes a cell occupied, else any free one free. No ground, no
+    /// storeys, and none of what follows but the limits. Absent: all heights are above the local ground.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fixed_z_m: Option<[f64; 2]>,
     /// A cell is occupied when at least one occupied voxel of the band stands in it and this many in it and its eight
     /// neighbours together. 2 keeps walls, low boxes and thin posts. A cell with fewer, a stray point or a wire, is unknown.
     pub min_occupied_voxels: u32,
@@ -47,17 +56,42 @@ pub struct GridExporterConfig {
     /// are 819 m at 0.1 m, and 64 MiB on `grid/plan`.
     pub max_side_cells: u32,
     /// Ceiling of the memory for voxel columns, MiB; what does not fit is dropped and counted. One MiB holds 679 blocks
-    /// of 8 x 8 columns x 64 voxels, so that 512 MiB suffice for 20,000 square metres at 0.1 m many times over.
+    /// of 8 x 8 columns x 64 voxels, so that 512 MiB suffice for 20,000 square metres at 0.1 m many times over. Each storey's plan takes half a block for each block's area besides.
     pub max_memory_mib: u32,
+}
+
+/// How cells become grey; see nav2's `map_saver` and `map_server`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// Black, white, and grey for unknown.
+    #[default]
+    Trinary,
+    /// Shades of grey, transparent for unknown.
+    Scale,
+    /// The values themselves.
+    Raw,
+}
+
+impl From<Mode> for occupancy_grid::Mode {
+    fn from(mode: Mode) -> Self {
+        match mode {
+            Mode::Trinary => Self::Trinary,
+            Mode::Scale => Self::Scale,
+            Mode::Raw => Self::Raw,
+        }
+    }
 }
 
 impl Default for GridExporterConfig {
     fn default() -> Self {
         Self {
             output_dir: PathBuf::from("evac-out"),
-            publish_interval_s: 1.0,
+            mode: Mode::Trinary,
+            publish_interval_s: 0.0,
             save_interval_s: 10.0,
             band_m: [0.2, 1.8],
+            fixed_z_m: None,
             min_occupied_voxels: 2,
             min_free_voxels: 2,
             seen_down_to_m: 0.5,
@@ -78,9 +112,9 @@ impl StageConfig for GridExporterConfig {
         check_range(
             "publish_interval_s",
             self.publish_interval_s,
-            0.01,
+            0.0,
             3600.0,
-            "1.0 publishes each second",
+            "0 publishes each change, 1.0 at most once a second",
         )?;
         check_range("save_interval_s", self.save_interval_s, 0.0, 86_400.0, "0 saves at the end only")?;
         check_range("band_m[0]", low, 0.0, 5.0, "0.2 lies above the noise of the ground")?;
@@ -88,6 +122,13 @@ impl StageConfig for GridExporterConfig {
         if low >= high {
             return Err(format!(
                 "band_m = [{low}, {high}] is empty; give the lower end first, as in [0.2, 1.8]"
+            ));
+        }
+        if let Some([low, high]) =
+            self.fixed_z_m.filter(|[low, high]| low.is_nan() || high.is_nan() || low >= high)
+        {
+            return Err(format!(
+                "fixed_z_m = [{low}, {high}] is empty; give the lower end first, as in [-1.0, 0.5]"
             ));
         }
         count("min_occupied_voxels", self.min_occupied_voxels, 1, 100)?;
@@ -136,8 +177,13 @@ mod tests {
     #[test]
     fn unknown_keys_and_bad_ranges_are_refused_by_name() {
         assert!(toml::from_str::<GridExporterConfig>("bands = 1").unwrap_err().to_string().contains("bands"));
-        for text in ["band_m = [1.8, 0.2]", "sensor_height_m = nan", "min_free_voxels = 0", "margin_m = -1.0"]
-        {
+        for text in [
+            "band_m = [1.8, 0.2]",
+            "fixed_z_m = [1.0, 1.0]",
+            "sensor_height_m = nan",
+            "min_free_voxels = 0",
+            "margin_m = -1.0",
+        ] {
             let config: GridExporterConfig = toml::from_str(text).unwrap();
             let error = config.check().unwrap_err();
             let key = text.split([' ', '[']).next().unwrap();

@@ -1,346 +1,195 @@
-//! How high the ground is, everywhere in the plan.
+//! How high the floor of a storey is, everywhere in its plan.
 //!
-//! First the sensor's path is followed in time: each block it enters gets the height of the ground seen there within one
-//! step below the sensor, or without any the path's height less the sensor's. Where the path comes to lie a storey above
-//! or below what it has passed close by, it has left the plan's storey and counts no more until it is back on it. From
-//! these blocks the height spreads, nearest first, to blocks with ground within one step of the block they are reached
-//! from, which take its median; then to the walls beside them, and to all others from blocks of the storey's main height:
-//! these without ground of their own take the height of the block they are reached from. So each place has one height, stairs, slopes and slow drift are followed, and a storey above or
-//! below that is seen later changes nothing where this one is.
+//! Where the path passes a block, the floor is the ground right below it, or without any (on stairs: always) the path's height
+//! less the sensor's; but where a stair leads over a floor of the storey, it is that floor. Elsewhere it is the ground that can be walked to from the path. Of several heights in one block that
+//! nearest to the storey's own counts, and heights as high as another storey's never do: so each place has one height, stairs,
+//! slopes and drift are followed, what lies between two storeys is on the plans of both, and a storey seen above or below
+//! changes nothing. Blocks without any height (walls) have that of the nearest block that has one, up to [`BESIDE`] blocks away,
+//! and all others the storey's.
 
-use crate::columns::Columns;
-use crate::config::GridExporterConfig;
-use crate::path::Path;
+use std::ops::Range;
 
-/// Edge of a block, metres.
-const BLOCK_M: f64 = 0.5;
-/// Path points that are looked at to measure the sensor's height.
-const HEIGHT_SAMPLES: usize = 2000;
-/// Path points with ground below that suffice to trust the measured height: half a metre of way.
-const MIN_HEIGHT_SAMPLES: usize = 5;
-/// Ground within this distance of the path is below the sensor, metres.
-const BELOW_M: f64 = 0.3;
-/// A path this much above or below ...
-const STOREY_GAP_M: f64 = 2.0;
-/// ... itself within this distance is on another storey, metres: stairs up to 45 degrees rise less.
-const STOREY_REACH_M: f64 = 2.0;
-/// How far the ground may lie from the path less the measured height of the sensor, metres: a step and the gait.
+use rustc_hash::{FxHashMap, FxHashSet};
+
+use crate::raster::{Place, Raster, around};
+use crate::reach::Reach;
+use crate::walk::{Pass, Walk};
+
+/// How far the height of a block reaches over blocks without any, in blocks: a wall and what stands before it.
+const BESIDE: i32 = 3;
+/// How far the ground may lie from the path less the measured height of the sensor, metres: the gait, and half a step.
 const TREAD_M: f64 = 0.25;
-/// A path that changes its height by more than this within a block is on a stair, metres: the gait does not.
-const CLIMB_M: f64 = 0.12;
-/// How far a height reaches over blocks without ground before the storey's main height is taken, metres.
-const BESIDE_M: f64 = 1.0;
-/// The sensor is held between these heights, metres.
-const SENSOR_HEIGHTS_M: [f64; 2] = [0.15, 3.0];
 
-/// A rectangle of cells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Area {
-    pub(crate) low: [i32; 2],
-    pub(crate) size: [u32; 2],
+/// How far a stair reaches to the sides of the path, in blocks squared: half the width of a wide one.
+const STAIR_SIDE: i32 = 4;
+/// Who climbs a stair this high above a floor leaves room to walk below it, metres.
+const HEADROOM_M: f64 = 2.0;
+
+/// Height of a block, and whether one climbs there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Level {
+    height: f64,
+    stair: bool,
 }
 
-impl Area {
-    /// Place of a cell in the rows from the lowest y on, by its offset.
-    pub(crate) fn index(&self, x: i32, y: i32) -> Option<usize> {
-        let [width, height] = self.size.map(|cells| cells as i32);
-        let inside = (0..width).contains(&x) && (0..height).contains(&y);
-        inside.then(|| y as usize * width as usize + x as usize)
-    }
+/// Height of a block that has one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Own {
+    level: f64,
+    /// Whether the path passes.
+    walked: bool,
+    /// Whether it climbs here.
+    stair: bool,
 }
 
 /// What heights are taken from.
-struct Ground<'a> {
-    columns: &'a Columns,
-    resolution: f64,
-    reach: f64,
+#[derive(Clone, Copy)]
+pub(crate) struct Sources<'a> {
+    pub(crate) raster: Raster,
+    pub(crate) walk: &'a Walk,
+    pub(crate) reach: &'a Reach,
+    /// Metres.
+    pub(crate) sensor_height: f64,
 }
 
-/// What a block without ground of its own does.
-#[derive(Debug, Clone, Copy)]
-enum Otherwise {
-    Wait,
-    TakeExpected,
-}
-
-/// The path within one block, without leaving it: the floor's heights below it.
-#[derive(Debug, Clone, Copy)]
-struct Stay {
-    block: [i32; 2],
-    sum: f64,
-    count: f64,
-    low: f64,
-    high: f64,
-}
-
-impl Stay {
-    fn new(block: [i32; 2], floor: f64) -> Self {
-        Self { block, sum: floor, count: 1.0, low: floor, high: floor }
-    }
-
-    fn add(&mut self, floor: f64) {
-        self.sum += floor;
-        self.count += 1.0;
-        self.low = self.low.min(floor);
-        self.high = self.high.max(floor);
-    }
-}
-
-/// Height of the ground by block.
-#[derive(Default)]
+/// The floor of one storey.
+#[derive(Debug)]
 pub(crate) struct Floor {
-    block_cells: i32,
+    /// Height of the storey, metres.
+    level: f64,
+    /// Heights that belong to it.
+    span: Range<f64>,
     max_step: f64,
-    sensor_height: f64,
-    low: [i32; 2],
-    size: [i32; 2],
-    levels: Vec<Option<f64>>,
-    /// Blocks in which the path climbs.
-    stairs: Vec<bool>,
-    /// Blocks that have their height, in the order in which they got it.
-    assigned: Vec<[i32; 2]>,
-    samples: Vec<f64>,
-}
-
-/// Centre of voxel `cell`, metres.
-pub(crate) fn centre(cell: i32, resolution: f64) -> f64 {
-    (f64::from(cell) + 0.5) * resolution
-}
-
-/// The cell that holds a coordinate.
-pub(crate) fn cell_of(coordinate: f64, resolution: f64) -> i32 {
-    (coordinate / resolution).floor() as i32
+    own: FxHashMap<Place, Own>,
+    /// Heights of the blocks that were asked for.
+    levels: FxHashMap<Place, Level>,
 }
 
 impl Floor {
-    /// Finds the ground in `area`.
-    pub(crate) fn update(
-        &mut self,
-        columns: &Columns,
-        path: &Path,
-        resolution: f64,
-        area: Area,
-        config: &GridExporterConfig,
-    ) {
-        self.block_cells = (BLOCK_M / resolution).round().max(1.0) as i32;
-        self.low = area.low.map(|cell| cell.div_euclid(self.block_cells));
-        self.size = [0, 1].map(|axis: usize| {
-            let last = area.low[axis] + area.size[axis] as i32 - 1;
-            last.div_euclid(self.block_cells) - self.low[axis] + 1
-        });
-        let blocks = self.size.iter().product::<i32>() as usize;
-        self.levels.clear();
-        self.levels.resize(blocks, None);
-        self.stairs.clear();
-        self.stairs.resize(blocks, false);
-
-        self.max_step = config.max_step_m;
-        let measured = self.sensor_height(columns, path, resolution);
-        let sensor_height = measured.unwrap_or(config.sensor_height_m);
-        self.sensor_height = sensor_height;
-        // With a measured height the path tells a tread from the floor below the stair.
-        let reach = if measured.is_some() { TREAD_M.min(self.max_step) } else { self.max_step };
-        self.assigned.clear();
-        self.follow(&Ground { columns, resolution, reach }, path, sensor_height);
-        let ground = Ground { columns, resolution, reach: self.max_step };
-        if self.assigned.is_empty() {
-            // The path lies outside of all that was seen.
-            let start = path.points().next().map_or(0.0, |[_, _, z]| z);
-            self.assign(&ground, [0, 0], start - sensor_height, Otherwise::TakeExpected);
-        }
-        self.spread(&ground, Otherwise::Wait, |_| true);
-        self.widen(&ground);
-        let main = self.main_level();
-        self.spread(&ground, Otherwise::TakeExpected, |level| (level - main).abs() <= config.max_step_m);
-        // What is left lies behind blocks of another height.
-        self.spread(&ground, Otherwise::TakeExpected, |_| true);
+    /// A storey at `level`; `span` ends before its neighbours'.
+    pub(crate) fn new(level: f64, span: Range<f64>, max_step: f64) -> Self {
+        Self { level, span, max_step, own: FxHashMap::default(), levels: FxHashMap::default() }
     }
 
-    /// Height of the ground under a cell, metres: between the centres of blocks of one storey it changes steadily.
-    pub(crate) fn at(&self, x: i32, y: i32) -> f64 {
-        let size = f64::from(self.block_cells);
-        let [u, v] = [(x, self.low[0]), (y, self.low[1])]
-            .map(|(cell, low)| (f64::from(cell) + 0.5) / size - f64::from(low) - 0.5);
-        let own = self.level([u.round() as i32, v.round() as i32]).unwrap_or_default();
+    /// Height of the storey, metres.
+    pub(crate) fn storey(&self) -> f64 {
+        self.level
+    }
+
+    /// Whether a floor of this height, metres, belongs to the storey.
+    pub(crate) fn spans(&self, height: f64) -> bool {
+        self.span.contains(&height)
+    }
+
+    /// Looks anew at blocks whose ground or path has changed. Gives the blocks at whose cells [`Self::at`] may have changed.
+    pub(crate) fn update(&mut self, changed: &FxHashSet<Place>, sources: &Sources<'_>) -> FxHashSet<Place> {
+        let mut affected = FxHashSet::default();
+        for block in changed {
+            let own = self.find(*block, sources);
+            let before = match own {
+                Some(own) => self.own.insert(*block, own),
+                None => self.own.remove(block),
+            };
+            if before != own {
+                affected.extend(around(*block, BESIDE));
+            }
+        }
+        let mut moved = FxHashSet::default();
+        for block in affected {
+            let level = self.filled(block);
+            let before = self.levels.get_mut(&block).map(|before| std::mem::replace(before, level));
+            if before.is_some_and(|before| before != level) {
+                // Between the centres of blocks the height changes steadily.
+                moved.extend(around(block, 1));
+            }
+        }
+        moved
+    }
+
+    /// Makes ready for [`Self::at`] in the cells from `low` to `high`, both included.
+    pub(crate) fn prepare(&mut self, low: Place, high: Place, raster: Raster) {
+        let ([x0, y0], [x1, y1]) = (raster.block(low), raster.block(high));
+        for block in (y0 - 1..=y1 + 1).flat_map(|y| (x0 - 1..=x1 + 1).map(move |x| [x, y])) {
+            if !self.levels.contains_key(&block) {
+                let level = self.filled(block);
+                self.levels.insert(block, level);
+            }
+        }
+    }
+
+    /// Height of the floor in a cell, metres: between the centres of blocks of one storey it changes steadily.
+    pub(crate) fn at(&self, [x, y]: Place, raster: Raster) -> f64 {
+        let size = f64::from(raster.block_cells);
+        let [u, v] = [x, y].map(|cell| (f64::from(cell) + 0.5) / size - 0.5);
+        let level = |x: i32, y: i32| self.levels.get(&[x, y]).map_or(self.level, |level| level.height);
+        let [bx, by] = raster.block([x, y]);
+        let own = level(bx, by);
         let (x0, y0) = (u.floor() as i32, v.floor() as i32);
         let (share_x, share_y) = (u - u.floor(), v - v.floor());
         let corner = |dx: i32, dy: i32| {
-            let level = self.level([x0 + dx, y0 + dy]);
-            level.filter(|level| (level - own).abs() <= self.max_step).unwrap_or(own)
+            let level = level(x0 + dx, y0 + dy);
+            if (level - own).abs() <= self.max_step { level } else { own }
         };
         let along_x = |dy: i32| corner(0, dy) * (1.0 - share_x) + corner(1, dy) * share_x;
         along_x(0) * (1.0 - share_y) + along_x(1) * share_y
     }
 
-    /// Whether whoever carried the sensor at this place in metres stood on this floor.
-    pub(crate) fn carries(&self, [x, y, z]: [f64; 3], resolution: f64) -> bool {
-        let floor = self.at(cell_of(x, resolution), cell_of(y, resolution));
-        (z - self.sensor_height - floor).abs() <= self.max_step
+    /// Whether somebody stood on this floor as the path passed a cell, at a place where it is `floor` high.
+    pub(crate) fn carries(&self, pass: &Pass, floor: f64, sensor_height: f64) -> bool {
+        (pass.height - sensor_height - floor).abs() <= self.max_step
     }
 
-    /// Whether the path climbs at this place in metres.
-    pub(crate) fn is_stair(&self, [x, y, _]: [f64; 3], resolution: f64) -> bool {
-        let stair = self.index(self.block_at(x, y, resolution)).and_then(|index| self.stairs.get(index));
-        stair.copied().unwrap_or_default()
+    /// Whether the path climbs in a block, or right beside it.
+    pub(crate) fn is_stair(&self, block: Place) -> bool {
+        self.levels.get(&block).is_some_and(|level| level.stair)
     }
 
-    /// Median height of the path above the ground seen below it.
-    fn sensor_height(&mut self, columns: &Columns, path: &Path, resolution: f64) -> Option<f64> {
-        let reach = (BELOW_M / resolution).floor() as i32;
-        let every = path.points().count() / HEIGHT_SAMPLES + 1;
-        self.samples.clear();
-        for [x, y, z] in path.points().step_by(every) {
-            let (cx, cy) = (cell_of(x, resolution), cell_of(y, resolution));
-            let mut height = f64::INFINITY;
-            for (dx, dy) in (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy))) {
-                columns.column(cx + dx, cy + dy).for_each_ground(|ground| {
-                    let above = z - centre(ground, resolution);
-                    if above >= SENSOR_HEIGHTS_M[0] {
-                        height = height.min(above);
-                    }
-                });
-            }
-            if height <= SENSOR_HEIGHTS_M[1] {
-                self.samples.push(height);
-            }
-        }
-        if self.samples.len() < MIN_HEIGHT_SAMPLES { None } else { median(&mut self.samples) }
-    }
-
-    /// Gives the path's blocks their heights, in the order of time.
-    fn follow(&mut self, ground: &Ground<'_>, path: &Path, sensor_height: f64) {
-        let mut on_storey = true;
-        let mut stay: Option<Stay> = None;
-        for [x, y, z] in path.points() {
-            let block = self.block_at(x, y, ground.resolution);
-            let floor = z - sensor_height;
-            match &mut stay {
-                Some(stay) if stay.block == block => stay.add(floor),
-                _ => {
-                    self.settle(ground, stay, &mut on_storey);
-                    stay = Some(Stay::new(block, floor));
-                }
-            }
-        }
-        self.settle(ground, stay, &mut on_storey);
-    }
-
-    fn settle(&mut self, ground: &Ground<'_>, stay: Option<Stay>, on_storey: &mut bool) {
-        let Some(stay) = stay else { return };
-        let (block, floor) = (stay.block, stay.sum / stay.count);
-        match self.level(block) {
-            Some(level) if *on_storey => *on_storey = (floor - level).abs() <= STOREY_GAP_M,
-            Some(level) => *on_storey = (floor - level).abs() <= self.max_step,
-            None if *on_storey => {
-                *on_storey = self.is_one_storey(block, floor, ground.resolution);
-                if *on_storey && stay.high - stay.low > CLIMB_M {
-                    // The ground seen on a stair is that before its first step.
-                    self.put(block, floor);
-                    if let Some(stair) = self.index(block).and_then(|index| self.stairs.get_mut(index)) {
-                        *stair = true;
-                    }
-                } else if *on_storey {
-                    self.assign(ground, block, floor, Otherwise::TakeExpected);
-                }
-            }
-            None => {}
-        }
-    }
-
-    /// Whether no block close by has its ground a storey higher or deeper.
-    fn is_one_storey(&self, [x, y]: [i32; 2], floor: f64, resolution: f64) -> bool {
-        let reach = (STOREY_REACH_M / (f64::from(self.block_cells) * resolution)).round() as i32;
-        let mut around = (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| [x + dx, y + dy]));
-        around.all(|block| self.level(block).is_none_or(|level| (floor - level).abs() <= STOREY_GAP_M))
-    }
-
-    /// Breadth first from all blocks that have a height which `may_spread`.
-    fn spread(&mut self, ground: &Ground<'_>, otherwise: Otherwise, may_spread: impl Fn(f64) -> bool) {
-        let mut next = 0;
-        while let Some(block) = self.assigned.get(next).copied() {
-            next += 1;
-            if self.level(block).is_some_and(&may_spread) {
-                self.assign_neighbours(ground, block, otherwise);
-            }
-        }
-    }
-
-    /// Gives the height of each block to those within [`BESIDE_M`] that have none: walls, and the sides of stairs.
-    fn widen(&mut self, ground: &Ground<'_>) {
-        for _ in 0..(BESIDE_M / BLOCK_M) as u32 {
-            for at in 0..self.assigned.len() {
-                if let Some(block) = self.assigned.get(at).copied() {
-                    self.assign_neighbours(ground, block, Otherwise::TakeExpected);
-                }
-            }
-        }
-    }
-
-    fn assign_neighbours(&mut self, ground: &Ground<'_>, [x, y]: [i32; 2], otherwise: Otherwise) {
-        let level = self.level([x, y]).unwrap_or_default();
-        for [dx, dy] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
-            self.assign(ground, [x + dx, y + dy], level, otherwise);
-        }
-    }
-
-    /// The median height of all blocks that have one: that of the storey, not of a stair's landing.
-    fn main_level(&mut self) -> f64 {
-        self.samples.clear();
-        self.samples.extend(self.levels.iter().flatten());
-        median(&mut self.samples).unwrap_or_default()
-    }
-
-    /// Gives a block that has none its height: the median of its ground within a step of `expected`.
-    fn assign(&mut self, ground: &Ground<'_>, block: [i32; 2], expected: f64, otherwise: Otherwise) {
-        if self.index(block).is_none() || self.level(block).is_some() {
-            return;
-        }
-        let [x0, y0] = [0, 1].map(|axis: usize| (self.low[axis] + block[axis]) * self.block_cells);
-        self.samples.clear();
-        for (y, x) in
-            (y0..y0 + self.block_cells).flat_map(|y| (x0..x0 + self.block_cells).map(move |x| (y, x)))
-        {
-            ground.columns.column(x, y).for_each_ground(|cell| {
-                let height = centre(cell, ground.resolution);
-                if (height - expected).abs() <= ground.reach {
-                    self.samples.push(height);
-                }
-            });
-        }
-        let level = match (median(&mut self.samples), otherwise) {
-            (Some(median), _) => median,
-            (None, Otherwise::TakeExpected) => expected,
-            (None, Otherwise::Wait) => return,
+    /// The height of a block by path and ground.
+    fn find(&self, block: Place, sources: &Sources<'_>) -> Option<Own> {
+        let &Sources { walk, reach, sensor_height, .. } = sources;
+        let reached = self.nearest(reach.reached(block), |level| *level);
+        let visits = walk.visits(block).map(|visit| (visit.height - sensor_height, visit.climbs));
+        let visit = self.nearest(visits, |visit| visit.0).filter(|(path, _)| {
+            let off = |height: f64| (height - self.level).abs();
+            reached.is_none_or(|ground| off(*path) < off(ground) + HEADROOM_M)
+        });
+        let Some((path, stair)) = visit else {
+            return reached.map(|level| Own { level, walked: false, stair: false });
         };
-        self.put(block, level);
+        // The ground seen on a stair is that before its first step.
+        let ground = reach.surfaces(block).filter(|level| !stair && (level - path).abs() <= TREAD_M);
+        let ground = ground.min_by(|a, b| (a - path).abs().total_cmp(&(b - path).abs()));
+        Some(Own { level: ground.unwrap_or(path), walked: true, stair })
     }
 
-    fn put(&mut self, block: [i32; 2], level: f64) {
-        let slot = self.index(block).and_then(|index| self.levels.get_mut(index));
-        if let Some(slot) = slot {
-            *slot = Some(level);
-            self.assigned.push(block);
-        }
+    /// The first of those that belong to the storey and are nearest to it.
+    fn nearest<T>(&self, all: impl Iterator<Item = T>, height: impl Fn(&T) -> f64) -> Option<T> {
+        let off = |one: &T| (height(one) - self.level).abs();
+        all.filter(|one| self.span.contains(&height(one))).min_by(|a, b| off(a).total_cmp(&off(b)))
     }
 
-    /// The height of a block; `None` outside, and where it has none yet.
-    fn level(&self, block: [i32; 2]) -> Option<f64> {
-        self.levels.get(self.index(block)?).copied()?
+    /// The height of a block, its own or that of the nearest one that has one; of several equally near
+    /// one that the path passes, then that nearest to the storey's, then the lowest.
+    fn filled(&self, block: Place) -> Level {
+        let rank = |place: Place| {
+            let own = self.own.get(&place)?;
+            let [dx, dy] = [0, 1].map(|axis: usize| place[axis] - block[axis]);
+            Some((dx * dx + dy * dy, own))
+        };
+        let off = |own: &Own| (own.level - self.level).abs();
+        let nearest = rank(block).or_else(|| {
+            around(block, BESIDE).filter_map(rank).min_by(|(a_far, a), (b_far, b)| {
+                (a_far, !a.walked)
+                    .cmp(&(b_far, !b.walked))
+                    .then(off(a).total_cmp(&off(b)))
+                    .then(a.level.total_cmp(&b.level))
+            })
+        });
+        // The path enters and leaves a stair in the middle of a block: its first steps count as stair, too.
+        let beside = || around(block, 1).filter_map(|place| self.own.get(&place)).any(|own| own.stair);
+        nearest.map_or(Level { height: self.level, stair: false }, |(far, own)| Level {
+            height: own.level,
+            stair: own.stair && far <= STAIR_SIDE || far == 0 && own.walked && beside(),
+        })
     }
-
-    fn block_at(&self, x: f64, y: f64, resolution: f64) -> [i32; 2] {
-        let [bx, by] = [x, y].map(|axis| cell_of(axis, resolution).div_euclid(self.block_cells));
-        [bx - self.low[0], by - self.low[1]]
-    }
-
-    fn index(&self, [x, y]: [i32; 2]) -> Option<usize> {
-        let inside = (0..self.size[0]).contains(&x) && (0..self.size[1]).contains(&y);
-        inside.then(|| y as usize * self.size[0] as usize + x as usize)
-    }
-}
-
-/// The lower median; `None` of nothing.
-fn median(samples: &mut [f64]) -> Option<f64> {
-    let middle = samples.len().checked_sub(1)? / 2;
-    Some(*samples.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

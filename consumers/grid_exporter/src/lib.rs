@@ -1,46 +1,76 @@
 //! Stage `grid_exporter`: from map updates to a flat map that a planner loads and a person reads.
 //!
-//! Every update goes into voxel columns over the XOY plane; at the configured intervals of sensor time and at the end of
-//! the stream they are projected (paper section 3.1), published on `grid/plan` and written as `plan.pgm` + `plan.yaml`
-//! (nav2, `map_server`) and `plan.png`.
+//! Every update goes into voxel columns over the XOY plane, and what it changes is projected at once (paper section 3.1): the
+//! cost goes with the update, not with the map. Plans are published on `grid/plan` as they change, and written at a configured
+//! interval of sensor time and at the end of the stream, each file whole or not at all:
 //!
-//! Heights count from the local ground, not from the map's origin, see [`GridExporterConfig`]. There is one plan: that
-//! of the storey on which the walk starts, with the ramps and stairs that lead from it up to where they come to lie over
-//! it. Another storey that is walked later above or below changes nothing there; where none of the first storey was seen
-//! within the path's reach, it is shown. Space over ground that lies a storey deeper is unknown, not free.
+//! - `plan.pgm` + `plan.yaml` (nav2, `map_server`), and `plan.png` for people;
+//! - `plan_ground.pfm`, `plan_step.pfm`: height of the ground, and of the step to it, in metres, in the cells of `plan.yaml`;
+//!   NaN where unknown. `plan_ground.png` shows both;
+//! - `plan_1.pgm`, `plan_1.yaml` and so on for each further storey, in the order in which they were entered; `storeys.json` lists
+//!   them with their heights.
+//!
+//! Heights count from the local ground, not from the map's origin, see [`GridExporterConfig`]. Storeys are told apart by the heights
+//! at which the path is long. Each has its plan, stairs are on both of the storeys that they join, and none changes what another
+//! one shows. `grid/plan` is that of the storey on which the sensor is. Space over ground that lies a storey deeper is unknown, not free.
 
 mod columns;
 mod config;
+mod evidence;
+mod files;
 mod floor;
 mod path;
 mod picture;
 mod plan;
+mod raster;
+mod reach;
+mod relief;
+mod sensor_height;
+mod sheet;
+mod storeys;
+mod surfaces;
+mod walk;
 
 use std::fs;
 
 use evac_formats::FormatError;
-use evac_formats::occupancy_grid;
-use evac_frames::{FrameHeader, GridHeader, MapHeader, TrackingState, frame_flags, map_flags};
-use evac_stage::{Counters, GridOutput, PlanInput, Rig, Stage, StageConfig, StageError};
+use evac_formats::occupancy_grid::{self, OccupancyGrid};
+use evac_frames::{Ack, FrameHeader, GridHeader, MapHeader, TrackingState, frame_flags, map_flags};
+use evac_stage::{Counters, GridOutput, PlanInput, Readiness, Rig, Stage, StageConfig, StageError, State};
 
-pub use config::GridExporterConfig;
+pub use config::{GridExporterConfig, Mode};
 
 use crate::columns::Columns;
-use crate::floor::cell_of;
+use crate::files::{Saver, StoreyPlan};
 use crate::path::Path;
 use crate::plan::Projection;
+use crate::raster::Raster;
+use crate::walk::Walk;
 
 /// The stage.
 pub struct GridExporter {
     config: GridExporterConfig,
     columns: Columns,
     path: Path,
-    projection: Projection,
-    resolution: Option<f64>,
+    /// What is known since the first map message.
+    map: Option<Map>,
+    grid: OccupancyGrid,
+    saver: Saver,
     published_ns: Option<i64>,
     saved_ns: Option<i64>,
-    /// Something came after the last saving.
+    /// The plan has changed since it was last published, ...
+    unpublished: bool,
+    /// ... and something came after the last saving.
     unsaved: bool,
+    /// A standby's: it has the way from before it came.
+    is_loaded: bool,
+}
+
+/// What depends on the map's resolution.
+struct Map {
+    raster: Raster,
+    walk: Walk,
+    projection: Projection,
 }
 
 impl Stage for GridExporter {
@@ -55,15 +85,20 @@ impl Stage for GridExporter {
             .map_err(|cause| file_error(FormatError::writing(&config.output_dir, cause)))?;
         let p = config.occupied_probability;
         let columns = Columns::new(config.max_side_cells, config.max_memory_mib, (p / (1.0 - p)).ln() as f32);
+        let grid =
+            OccupancyGrid { width: 0, height: 0, resolution: 1.0, origin: [0.0; 3], cells: Vec::new() };
         Ok(Self {
             config,
             columns,
             path: Path::new(),
-            projection: Projection::new(),
-            resolution: None,
+            map: None,
+            grid,
+            saver: Saver::default(),
             published_ns: None,
             saved_ns: None,
+            unpublished: false,
             unsaved: false,
+            is_loaded: false,
         })
     }
 
@@ -73,7 +108,51 @@ impl Stage for GridExporter {
         output: &mut GridOutput,
         counters: &mut Counters,
     ) -> Result<(), StageError> {
+        self.gather(&input, counters);
         let frame = &input.map.header.frame;
+        let end = frame.flags & frame_flags::END_OF_STREAM != 0;
+        let publish = is_due(&mut self.published_ns, frame.end_ns, self.config.publish_interval_s);
+        if publish && self.unpublished || end {
+            self.publish(frame, output)?;
+        }
+        // A disk that is slower than the interval gets fewer plans.
+        let due = self.config.save_interval_s > 0.0 && !self.saver.is_busy();
+        if end || due && is_due(&mut self.saved_ns, frame.end_ns, self.config.save_interval_s) {
+            self.save()?;
+        }
+        if end { self.saver.wait().map_err(file_error) } else { Ok(()) }
+    }
+
+    /// Gathers the same and neither publishes nor writes.
+    fn follow(&mut self, input: PlanInput<'_>, _done: Option<&Ack>) -> Result<Readiness, StageError> {
+        self.gather(&input, &mut Counters::default());
+        Ok(if self.is_loaded { Readiness::Ready } else { Readiness::Following })
+    }
+
+    fn save_state(&self, state: &mut State) {
+        self.path.save(state);
+    }
+
+    fn load_state(&mut self, state: &mut State, _seq: u64) -> Result<(), StageError> {
+        self.path.load(state)?;
+        if let Some(map) = &mut self.map {
+            map.walk = Walk::new(map.raster);
+            self.path.points().for_each(|position| map.walk.push(position));
+        }
+        self.is_loaded = true;
+        Ok(())
+    }
+
+    fn finish(&mut self) -> Result<(), StageError> {
+        if self.unsaved {
+            self.save()?;
+        }
+        self.saver.wait().map_err(file_error)
+    }
+}
+
+impl GridExporter {
+    fn gather(&mut self, input: &PlanInput<'_>, counters: &mut Counters) {
         if self.prepare(input.map.header) {
             let refused = input.map.voxels.iter().filter(|voxel| self.columns.apply(voxel).is_err()).count();
             counters.rejected += refused as u64;
@@ -84,29 +163,24 @@ impl Stage for GridExporter {
         let lost = matches!(input.pose.tracking_state(), None | Some(TrackingState::Lost));
         if lost || !self.path.push(input.pose.position) {
             counters.degraded += 1;
+        } else if let Some(map) = &mut self.map {
+            map.walk.push(input.pose.position);
+        }
+        if let Some(Map { walk, projection, .. }) = &mut self.map {
+            self.unpublished |= projection.update(&mut self.columns, walk, &self.config);
         }
         self.unsaved = true;
+    }
 
-        let end = frame.flags & frame_flags::END_OF_STREAM != 0;
-        let publish = is_due(&mut self.published_ns, frame.end_ns, self.config.publish_interval_s) || end;
-        let save = is_due(&mut self.saved_ns, frame.end_ns, self.config.save_interval_s) || end;
-        if (publish || save) && self.project() {
-            if publish {
-                self.publish(frame, output)?;
-            }
-            if save {
-                self.save()?;
-            }
+    /// Projects the whole map anew, as if all of it had come with the last update; the plans stay as they are. For comparison
+    /// with what following the updates costs.
+    pub fn project_anew(&mut self) {
+        if let Some(Map { raster, walk, projection }) = &mut self.map {
+            *projection = Projection::new(*raster, &self.config);
+            projection.update(&mut self.columns, walk, &self.config);
         }
-        Ok(())
     }
 
-    fn finish(&mut self) -> Result<(), StageError> {
-        if self.unsaved && self.project() { self.save() } else { Ok(()) }
-    }
-}
-
-impl GridExporter {
     /// Makes ready for a message; false where its voxels cannot be used.
     fn prepare(&mut self, header: &MapHeader) -> bool {
         let resolution = header.resolution;
@@ -115,23 +189,32 @@ impl GridExporter {
         {
             return false;
         }
+        let raster = Raster::new(resolution);
         let snapshot = header.map_flags & map_flags::SNAPSHOT != 0;
-        if self.resolution.is_none() || snapshot {
+        if self.map.is_none() || snapshot {
             let [x, y, _] = header.position;
-            self.columns.restart([cell_of(x, resolution), cell_of(y, resolution)]);
-            self.resolution = Some(resolution);
+            self.columns.restart([raster.cell(x), raster.cell(y)]);
+            let projection = Projection::new(raster, &self.config);
+            let walked = self.map.take().filter(|map| map.raster == raster).map(|map| map.walk);
+            let walk = walked.unwrap_or_else(|| {
+                let mut walk = Walk::new(raster);
+                self.path.points().for_each(|position| walk.push(position));
+                walk
+            });
+            self.map = Some(Map { raster, walk, projection });
         }
         // Updates of another resolution belong to a map whose beginning is not known here.
-        self.resolution == Some(resolution)
+        self.map.as_ref().is_some_and(|map| map.raster == raster)
     }
 
-    fn project(&mut self) -> bool {
-        let Some(resolution) = self.resolution else { return false };
-        self.projection.update(&self.columns, &self.path, resolution, &self.config)
-    }
-
-    fn publish(&self, frame: &FrameHeader, output: &mut GridOutput) -> Result<(), StageError> {
-        let grid = self.projection.grid();
+    /// Publishes the plan of the storey on which the sensor is.
+    fn publish(&mut self, frame: &FrameHeader, output: &mut GridOutput) -> Result<(), StageError> {
+        let Some(Map { walk, projection, .. }) = &self.map else { return Ok(()) };
+        let storey = projection.storey_at(walk.height().unwrap_or_default());
+        if self.columns.is_empty() || !projection.compose(storey, self.config.margin_m, &mut self.grid) {
+            return Ok(());
+        }
+        let grid = &self.grid;
         let [x, y, _] = grid.origin;
         let header = GridHeader {
             frame: *frame,
@@ -141,16 +224,31 @@ impl GridExporter {
             height: grid.height,
             ..GridHeader::default()
         };
+        self.unpublished = false;
         output.publish(&header, |i| grid.cells.get(i).copied().unwrap_or(occupancy_grid::UNKNOWN))
     }
 
     fn save(&mut self) -> Result<(), StageError> {
-        let grid = self.projection.grid();
-        occupancy_grid::write(&self.config.output_dir.join("plan.yaml"), grid).map_err(file_error)?;
-        let picture = picture::draw(grid, &self.path, self.config.band_m);
-        picture.write_png(&self.config.output_dir.join("plan.png")).map_err(file_error)?;
+        let plans = self.plans();
         self.unsaved = false;
-        Ok(())
+        if plans.is_empty() { Ok(()) } else { self.saver.start(plans, &self.config).map_err(file_error) }
+    }
+
+    /// The plans of all storeys of which something is known.
+    fn plans(&self) -> Vec<StoreyPlan> {
+        let Some(Map { projection, .. }) = self.map.as_ref().filter(|_| !self.columns.is_empty()) else {
+            return Vec::new();
+        };
+        let plan = |storey: usize| {
+            let mut grid = self.grid.clone();
+            projection.compose(storey, self.config.margin_m, &mut grid).then(|| StoreyPlan {
+                ground: projection.ground(storey, &grid),
+                route: self.path.route(|height| projection.shows(storey, height)),
+                height: projection.height(storey),
+                grid,
+            })
+        };
+        (0..projection.storeys()).filter_map(plan).collect()
     }
 }
 
@@ -159,7 +257,7 @@ impl GridExporter {
 fn is_due(last_ns: &mut Option<i64>, now_ns: i64, interval_s: f64) -> bool {
     let since = last_ns.get_or_insert(now_ns);
     let passed = now_ns.saturating_sub(*since);
-    let due = interval_s > 0.0 && passed >= (interval_s * 1e9) as i64;
+    let due = passed >= (interval_s * 1e9) as i64;
     if due || passed < 0 {
         *since = now_ns;
     }

@@ -1,254 +1,243 @@
-//! The projection to the XOY plane (paper section 3.1 and 3.2 step 3): non-ground voxels of a height band over the local
-//! ground make a cell occupied; seen ground, space seen through down to near the floor, or having been walked on makes it
-//! free; all else stays unknown, and so does what speaks for both too faintly.
+//! The projection to the XOY plane (paper section 3.1 and 3.2 step 3), storey by storey, kept up to date.
+//!
+//! Everything here follows from the columns and the walk alone, in whatever order they came: a projection that has followed a
+//! thousand updates equals a new one, cell by cell. An update costs what it has changed:
+//!
+//! 1. surfaces of the ground in blocks with new ground or path ([`crate::surfaces`]);
+//! 2. the sensor's height and the storeys ([`crate::sensor_height`], [`crate::storeys`]); where one of them changes, which is seldom,
+//!    everything is projected anew;
+//! 3. which surfaces are reached ([`crate::reach`]), and from that the floor of each storey ([`crate::floor`]);
+//! 4. evidence for the cells with new voxels, path or floor ([`crate::evidence`]), and what they and their neighbours become
+//!    ([`crate::sheet`]).
 
-use evac_formats::occupancy_grid::{FREE, OCCUPIED, OccupancyGrid, UNKNOWN};
+use std::ops::Range;
 
-use crate::columns::{Column, Columns, Kind};
-use crate::config::GridExporterConfig;
-use crate::floor::{Area, Floor, cell_of, centre};
-use crate::path::Path;
+use evac_formats::occupancy_grid::OccupancyGrid;
+use rustc_hash::FxHashSet;
 
-/// Rounding of a height computed from voxel indices, metres.
-const ROUNDING_M: f64 = 1e-6;
+use crate::GridExporterConfig;
+use crate::columns::{Columns, Marks, SIDE, mark, marked_cells};
+use crate::evidence::{Footing, weigh};
+use crate::floor::{Floor, Sources};
+use crate::raster::{Place, Raster};
+use crate::reach::Reach;
+use crate::sensor_height::SensorHeight;
+use crate::sheet::Sheet;
+use crate::storeys;
+use crate::surfaces;
+use crate::walk::Walk;
 
-/// Space seen this far below the floor is a hole in it, metres: more than a riser, and than the heights of one floor differ
-/// between two walks over it.
-const DROP_M: f64 = 0.3;
-/// How far down such space is looked for, metres: rays that pass over an edge leave some of it close below.
-const DROP_DEPTH_M: f64 = 1.5;
-
-/// The path says this far to each side that there is a floor, metres: half the width of who carries the sensor.
-const WALKED_M: f64 = 0.25;
-/// What is lower than this on a stair that was climbed was stepped on, metres: a riser and the slope below its tread.
-const STEPPED_OVER_M: f64 = 0.4;
-
-/// What the path and the column say about a cell.
-#[derive(Debug, Clone, Copy, Default)]
-struct Evidence {
-    /// Whether the path passes.
-    walked: bool,
-    /// Whether it climbs as it passes.
-    climbed: bool,
-    /// Occupied voxels in the band.
-    occupied: u32,
-    /// Whether a person could stand here if nothing is in the way.
-    open: bool,
-}
-
-impl Evidence {
-    /// Adds what a column says to what the path has said.
-    fn weigh(&mut self, column: Column<'_>, floor: f64, resolution: f64, config: &GridExporterConfig) {
-        let count = |kind: Kind, low: f64, high: f64| {
-            // Voxels whose centres lie between.
-            let first = ((floor + low - ROUNDING_M) / resolution - 0.5).ceil() as i32;
-            let last = ((floor + high + ROUNDING_M) / resolution - 0.5).floor() as i32;
-            column.count(kind, first, last)
-        };
-        let [low, high] = config.band_m;
-        let (mut ground, mut deeper, mut raised) = (false, false, 0);
-        column.for_each_ground(|cell| {
-            let above = centre(cell, resolution) - floor;
-            ground |= above.abs() <= config.max_step_m;
-            deeper |= above < -config.max_step_m;
-            // A top that is too high to step on, however even it is.
-            raised += u32::from(above > config.max_step_m && (low..=high).contains(&above));
-        });
-        // Space that was seen down to near the floor, and no farther: there is none over a gallery's void, a platform's
-        // edge or a stair that leads down, and what is seen over a table says nothing of what is below.
-        let seen_through = || {
-            // Coarse voxels: at least one, and no more than there are; the floor's own one is no hole.
-            let near_floor = config.seen_down_to_m.max(low + resolution);
-            let voxels = ((near_floor - low + ROUNDING_M) / resolution) as u32;
-            count(Kind::Free, low, near_floor) >= config.min_free_voxels.min(voxels)
-                && !deeper
-                && count(Kind::Free, -DROP_DEPTH_M, -DROP_M.max(resolution)) == 0
-        };
-        // On a stair that was climbed the next step is no obstacle.
-        let low = if self.climbed { low.max(STEPPED_OVER_M) } else { low };
-        self.occupied = count(Kind::Occupied, low, high) + raised;
-        self.open = self.walked || ground || seen_through();
-    }
-}
-
-/// Projects the columns; keeps its buffers from plan to plan.
-pub(crate) struct Projection {
+/// A storey and its plan.
+struct Storey {
     floor: Floor,
-    evidence: Vec<Evidence>,
-    cells: Vec<i8>,
-    /// Indices of the cells to close.
-    gaps: Vec<usize>,
-    grid: OccupancyGrid,
+    sheet: Sheet,
+}
+
+/// What has changed since the last update.
+#[derive(Default)]
+struct Changes {
+    cells: Marks,
+    ground: Marks,
+    blocks: FxHashSet<Place>,
+}
+
+/// The plans of all storeys.
+pub(crate) struct Projection {
+    raster: Raster,
+    reach: Reach,
+    heights: SensorHeight,
+    /// Metres.
+    sensor_height: f64,
+    /// Bins of the walk's histogram.
+    bins: Vec<i32>,
+    storeys: Vec<Storey>,
+    /// Nothing is projected yet.
+    fresh: bool,
+    // Kept from update to update for their memory.
+    voxels: Vec<i32>,
+    levels: Vec<f64>,
 }
 
 impl Projection {
-    pub(crate) fn new() -> Self {
-        let grid =
-            OccupancyGrid { width: 0, height: 0, resolution: 1.0, origin: [0.0; 3], cells: Vec::new() };
-        Self { floor: Floor::default(), evidence: Vec::new(), cells: Vec::new(), gaps: Vec::new(), grid }
+    pub(crate) fn new(raster: Raster, config: &GridExporterConfig) -> Self {
+        Self {
+            raster,
+            reach: Reach::new(config.max_step_m),
+            heights: SensorHeight::default(),
+            sensor_height: config.sensor_height_m,
+            bins: Vec::new(),
+            storeys: Vec::new(),
+            fresh: true,
+            voxels: Vec::new(),
+            levels: Vec::new(),
+        }
     }
 
-    /// The latest plan.
-    pub(crate) fn grid(&self) -> &OccupancyGrid {
-        &self.grid
-    }
-
-    /// Makes the plan anew; false (and no new plan) where nothing is known at all.
-    ///
-    /// The plan holds the known cells and the path within `bounds` of the columns, and the configured margin.
+    /// Projects what has changed in the columns and the walk since the last update; true where a plan has changed.
     pub(crate) fn update(
         &mut self,
-        columns: &Columns,
-        path: &Path,
-        resolution: f64,
+        columns: &mut Columns,
+        walk: &mut Walk,
         config: &GridExporterConfig,
     ) -> bool {
-        let Some((low, size)) = columns.bounds() else { return false };
-        let area = Area { low, size };
-        self.floor.update(columns, path, resolution, area, config);
-        self.mark_walked(path, resolution, area);
-        self.collect_evidence(columns, resolution, area, config);
-        self.classify(area, config);
-        self.close_gaps(area, config.min_gap_m, resolution);
-        let Some(known) = self.known(path, resolution, area) else { return false };
-        let margin = (config.margin_m / resolution).ceil() as u32;
-        self.crop(area, known, margin, resolution);
-        true
+        let mut changes = if self.fresh { all(columns, walk) } else { news(columns, walk) };
+        if changes.cells.is_empty() && changes.blocks.is_empty() && !self.fresh {
+            return false;
+        }
+        self.fresh = false;
+        changes.blocks.extend(blocks_of(&changes.ground, self.raster));
+        self.find_surfaces(columns, walk, &changes.blocks);
+
+        let sensor_height = self.heights.median().unwrap_or(config.sensor_height_m);
+        let mut bins = storeys::find(&walk.heights());
+        if config.fixed_z_m.is_some() {
+            bins.truncate(1);
+        }
+        let mut changed = false;
+        if sensor_height != self.sensor_height || bins != self.bins {
+            (self.sensor_height, self.bins) = (sensor_height, bins);
+            self.storeys = self.found_storeys(walk, config);
+            changes = all(columns, walk);
+            changes.blocks.extend(blocks_of(&changes.ground, self.raster));
+            changed = true;
+        }
+
+        let under_path = |block: Place| walk.visits(block).map(|visit| visit.height - sensor_height);
+        let touched = self.reach.settle(&changes.blocks, under_path);
+        let sources = Sources { raster: self.raster, walk, reach: &self.reach, sensor_height };
+        for storey in &mut self.storeys {
+            changed |= storey.update(&touched, &changes.cells, columns, &sources, config);
+        }
+        changed
     }
 
-    fn collect_evidence(
+    fn find_surfaces(&mut self, columns: &Columns, walk: &Walk, blocks: &FxHashSet<Place>) {
+        for block in blocks {
+            surfaces::find(columns, &self.raster, *block, &mut self.voxels, &mut self.levels);
+            self.reach.set(*block, &self.levels);
+            self.heights.update(*block, walk.visits(*block).map(|visit| visit.height), &self.levels);
+        }
+    }
+
+    fn found_storeys(&self, walk: &Walk, config: &GridExporterConfig) -> Vec<Storey> {
+        let level = |bin: &i32| walk.bin_height(*bin) - self.sensor_height;
+        let storey = |bin: &i32| {
+            let below = self.bins.iter().filter(|other| *other < bin).max().map(level);
+            let above = self.bins.iter().filter(|other| *other > bin).min().map(level);
+            let span = Range {
+                start: below.map_or(f64::NEG_INFINITY, |level| level + config.max_step_m),
+                end: above.map_or(f64::INFINITY, |level| level - config.max_step_m),
+            };
+            Storey {
+                floor: Floor::new(level(bin), span, config.max_step_m),
+                sheet: Sheet::new(self.raster.resolution, config),
+            }
+        };
+        self.bins.iter().map(storey).collect()
+    }
+
+    /// How many storeys there are; they count in the order in which they were entered.
+    pub(crate) fn storeys(&self) -> usize {
+        self.storeys.len()
+    }
+
+    /// Height of a storey's floor, metres.
+    pub(crate) fn height(&self, storey: usize) -> f64 {
+        self.storeys.get(storey).map_or(0.0, |storey| storey.floor.storey())
+    }
+
+    /// The storey whose floor is nearest below a sensor at this height, metres.
+    pub(crate) fn storey_at(&self, sensor: f64) -> usize {
+        let off = |storey: &usize| (sensor - self.sensor_height - self.height(*storey)).abs();
+        (0..self.storeys()).min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or_default()
+    }
+
+    /// Whether the path at this height is drawn on a storey's plan.
+    pub(crate) fn shows(&self, storey: usize, sensor: f64) -> bool {
+        self.storeys.get(storey).is_some_and(|storey| storey.floor.spans(sensor - self.sensor_height))
+    }
+
+    /// The plan of a storey into `grid`; false, and the grid as it was, where nothing of it is known.
+    pub(crate) fn compose(&self, storey: usize, margin: f64, grid: &mut OccupancyGrid) -> bool {
+        self.storeys.get(storey).is_some_and(|storey| storey.sheet.compose(margin, grid))
+    }
+
+    /// Heights of the ground in the cells of a composed plan, metres; NaN where unknown.
+    pub(crate) fn ground(&self, storey: usize, grid: &OccupancyGrid) -> Vec<f32> {
+        self.storeys.get(storey).map(|storey| storey.sheet.ground(grid)).unwrap_or_default()
+    }
+}
+
+impl Storey {
+    fn update(
         &mut self,
+        blocks: &FxHashSet<Place>,
+        cells: &Marks,
         columns: &Columns,
-        resolution: f64,
-        area: Area,
+        sources: &Sources<'_>,
         config: &GridExporterConfig,
-    ) {
-        for ((x, y), evidence) in cells(area).zip(&mut self.evidence) {
-            evidence.weigh(columns.column(x, y), self.floor.at(x, y), resolution, config);
+    ) -> bool {
+        let raster = sources.raster;
+        let mut marks = cells.clone();
+        let moved = self.floor.update(blocks, sources);
+        for cell in moved.iter().flat_map(|block| raster.cells(*block)) {
+            if columns.allows(cell) {
+                mark(&mut marks, cell);
+            }
         }
-    }
-
-    /// Starts anew, with what the path tells.
-    fn mark_walked(&mut self, path: &Path, resolution: f64, area: Area) {
-        self.evidence.clear();
-        self.evidence.resize(area.size[0] as usize * area.size[1] as usize, Evidence::default());
-        let reach = (WALKED_M / resolution).floor() as i32;
-        for point in path.points().filter(|point| self.floor.carries(*point, resolution)) {
-            let stair = self.floor.is_stair(point, resolution);
-            let [x, y] = [0, 1].map(|axis: usize| cell_of(point[axis], resolution) - area.low[axis]);
-            for (dx, dy) in (-reach..=reach).flat_map(|dy| (-reach..=reach).map(move |dx| (dx, dy))) {
-                let index = area.index(x + dx, y + dy).filter(|_| dx * dx + dy * dy <= reach * reach);
-                if let Some(evidence) = index.and_then(|index| self.evidence.get_mut(index)) {
-                    evidence.walked = true;
-                    evidence.climbed |= stair;
+        for at in marks.keys() {
+            let low = at.map(|axis| axis * SIDE);
+            self.floor.prepare(low, low.map(|axis| axis + SIDE - 1), raster);
+        }
+        let floor = &self.floor;
+        self.sheet.update(&marks, |cell| {
+            let height = floor.at(cell, raster);
+            let climbed = floor.is_stair(raster.block(cell));
+            let mut footing = Footing { floor: height, walked: false, climbed };
+            for pass in sources.walk.passes(cell) {
+                if floor.carries(pass, height, sources.sensor_height) {
+                    footing.walked = true;
+                    footing.climbed |= floor.is_stair(pass.block);
                 }
             }
-        }
+            weigh(columns.column(cell), footing, raster, config)
+        })
     }
+}
 
-    fn classify(&mut self, area: Area, config: &GridExporterConfig) {
-        self.cells.clear();
-        let [width, height] = area.size.map(|cells| cells as usize);
-        for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
-            let own = self.evidence.get(y * width + x).copied().unwrap_or_default();
-            let rows = y.saturating_sub(1)..(y + 2).min(height);
-            let columns = x.saturating_sub(1)..(x + 2).min(width);
-            let around = || -> u32 {
-                let each = rows.flat_map(|row| columns.clone().map(move |column| row * width + column));
-                each.filter_map(|at| self.evidence.get(at)).map(|evidence| evidence.occupied).sum()
-            };
-            self.cells.push(if own.occupied > 0 && around() >= config.min_occupied_voxels {
-                OCCUPIED
-            } else if own.occupied == 0 && own.open {
-                FREE
-            } else {
-                UNKNOWN
-            });
-        }
-    }
+/// Everything.
+fn all(columns: &mut Columns, walk: &mut Walk) -> Changes {
+    let _ = news(columns, walk);
+    let mut changes = Changes::default();
+    columns.all(&mut changes.cells, &mut changes.ground);
+    let (blocks, cells) = walk.all();
+    changes.add_walk(blocks, cells, columns);
+    changes
+}
 
-    /// Closes the free cells between two obstacles in a row or a column that are less than `min_gap` metres apart.
-    fn close_gaps(&mut self, area: Area, min_gap: f64, resolution: f64) {
-        let [width, height] = area.size.map(|cells| cells as usize);
-        self.gaps.clear();
-        let rows = (0..height).map(|row| (row * width, 1, width));
-        let columns = (0..width).map(|column| (column, width, height));
-        for (first, stride, count) in rows.chain(columns) {
-            // Free cells since the last obstacle; `None` where something else lies between.
-            let mut run = None;
-            for at in (0..count).map(|i| first + i * stride) {
-                match self.cells.get(at) {
-                    Some(&OCCUPIED) => {
-                        let free = run.unwrap_or(0);
-                        if free as f64 * resolution < min_gap - ROUNDING_M {
-                            self.gaps.extend((1..=free).map(|i| at - i * stride));
-                        }
-                        run = Some(0);
-                    }
-                    Some(&FREE) => run = run.map(|free| free + 1),
-                    _ => run = None,
-                }
-            }
-        }
-        for at in &self.gaps {
-            if let Some(cell) = self.cells.get_mut(*at) {
-                *cell = OCCUPIED;
-            }
-        }
-    }
+/// What is new since the last call.
+fn news(columns: &mut Columns, walk: &mut Walk) -> Changes {
+    let mut changes = Changes::default();
+    columns.take_changes(&mut changes.cells, &mut changes.ground);
+    let (blocks, cells) = walk.take_changes();
+    changes.add_walk(blocks, cells, columns);
+    changes
+}
 
-    /// Smallest and largest offset into `area` of what the plan must show.
-    fn known(&self, path: &Path, resolution: f64, area: Area) -> Option<[[u32; 2]; 2]> {
-        let mut bounds: Option<[[u32; 2]; 2]> = None;
-        let mut include = |x: u32, y: u32| {
-            let [low, high] = bounds.get_or_insert([[x, y], [x, y]]);
-            *low = [low[0].min(x), low[1].min(y)];
-            *high = [high[0].max(x), high[1].max(y)];
-        };
-        for (row, y) in self.cells.chunks_exact(area.size[0] as usize).zip(0..) {
-            let known = |cell: &i8| *cell != UNKNOWN;
-            if let (Some(first), Some(last)) = (row.iter().position(known), row.iter().rposition(known)) {
-                include(first as u32, y);
-                include(last as u32, y);
-            }
-        }
-        for [x, y, _] in path.points() {
-            let offset = |axis: usize, value: f64| {
-                let cell = i64::from(cell_of(value, resolution)) - i64::from(area.low[axis]);
-                u32::try_from(cell).ok().filter(|cell| *cell < area.size[axis])
-            };
-            if let (Some(x), Some(y)) = (offset(0, x), offset(1, y)) {
-                include(x, y);
-            }
-        }
-        bounds
-    }
-
-    fn crop(&mut self, area: Area, [low, high]: [[u32; 2]; 2], margin: u32, resolution: f64) {
-        let [width, height] = [0, 1].map(|axis: usize| high[axis] - low[axis] + 1 + 2 * margin);
-        let grid = &mut self.grid;
-        (grid.width, grid.height, grid.resolution) = (width, height, resolution);
-        let corner = |axis: usize| {
-            let cell = i64::from(area.low[axis]) + i64::from(low[axis]) - i64::from(margin);
-            cell as f64 * resolution
-        };
-        grid.origin = [corner(0), corner(1), 0.0];
-        grid.cells.clear();
-        grid.cells.resize(width as usize * height as usize, UNKNOWN);
-        let rows = self.cells.chunks_exact(area.size[0] as usize).skip(low[1] as usize);
-        let targets = grid.cells.chunks_exact_mut(width as usize).skip(margin as usize);
-        for (row, target) in rows.take((high[1] - low[1] + 1) as usize).zip(targets) {
-            let known = row.get(low[0] as usize..=high[0] as usize).unwrap_or_default();
-            let margin = margin as usize;
-            if let Some(target) = target.get_mut(margin..margin + known.len()) {
-                target.copy_from_slice(known);
-            }
+impl Changes {
+    fn add_walk(&mut self, blocks: Vec<Place>, cells: Vec<Place>, columns: &Columns) {
+        self.blocks.extend(blocks);
+        for cell in cells.into_iter().filter(|cell| columns.allows(*cell)) {
+            mark(&mut self.cells, cell);
         }
     }
 }
 
-/// All cells of an area, row by row from the lowest y.
-fn cells(area: Area) -> impl Iterator<Item = (i32, i32)> {
-    let Area { low: [x0, y0], size: [width, height] } = area;
-    (y0..y0 + height as i32).flat_map(move |y| (x0..x0 + width as i32).map(move |x| (x, y)))
+/// The blocks of marked cells.
+fn blocks_of(marks: &Marks, raster: Raster) -> FxHashSet<Place> {
+    let cells = marks.iter().flat_map(|(at, mask)| marked_cells(*at, *mask));
+    cells.map(|cell| raster.block(cell)).collect()
 }
+
+#[cfg(test)]
+mod tests;

@@ -23,8 +23,8 @@ pub struct MapSaverConfig {
     /// Most poses of a trajectory, for later frames none is kept and they count as degraded. 2 million are 55 hours at
     /// 10 Hz.
     pub max_poses: u32,
-    /// Most bricks of 8 x 8 x 8 voxels, 40 bytes to 2.1 kB each, mostly 0.3 kB; voxels of further bricks are counted as rejected. As the mapper's.
-    pub max_bricks: u32,
+    /// Memory of the map, MiB; voxels for which there is no room are counted as rejected. As the mapper's.
+    pub max_map_mib: f64,
     /// Probability from which a voxel is occupied in `map.bt`. 0.5 as OctoMap and the mapper have it.
     pub occupied_probability: f64,
 }
@@ -37,7 +37,7 @@ impl Default for MapSaverConfig {
             cloud_voxel_m: 0.05,
             max_cloud_points: 10_000_000,
             max_poses: 2_000_000,
-            max_bricks: 262_144,
+            max_map_mib: 256.0,
             occupied_probability: 0.5,
         }
     }
@@ -53,12 +53,9 @@ impl StageConfig for MapSaverConfig {
             10.0,
             "0.05 is a little over a Mid-40's noise",
         )?;
+        check_range("max_map_mib", self.max_map_mib, 0.0625, 65_536.0, "as the mapper's")?;
         check_range("occupied_probability", self.occupied_probability, 0.01, 0.99, "0.5 is OctoMap's")?;
-        for (key, value) in [
-            ("max_cloud_points", self.max_cloud_points),
-            ("max_poses", self.max_poses),
-            ("max_bricks", self.max_bricks),
-        ] {
+        for (key, value) in [("max_cloud_points", self.max_cloud_points), ("max_poses", self.max_poses)] {
             if value == 0 {
                 return Err(format!(
                     "{key} = 0 keeps nothing; give at least 1, or leave it out for the default"

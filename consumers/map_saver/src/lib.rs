@@ -18,11 +18,11 @@ use std::fs;
 use evac_formats::cloud::{CloudPoint, Intensity};
 use evac_formats::tum::TumPose;
 use evac_formats::{FormatError, octomap, pcd, tum};
-use evac_frames::{MapHeader, PoseFrame, TrackingState, frame_flags, map_flags};
+use evac_frames::{Ack, MapHeader, PoseFrame, TrackingState, frame_flags, map_flags};
 use evac_geometry::map_from_lidar;
 use evac_geometry::nalgebra::Point3;
 use evac_octree::{MapConfig, MapError, OctreeMap, Pruning, SensorModel};
-use evac_stage::{Counters, NoOutput, Rig, SinkInput, Stage, StageConfig, StageError};
+use evac_stage::{Counters, NoOutput, Readiness, Rig, SinkInput, Stage, StageConfig, StageError, State};
 
 pub use config::MapSaverConfig;
 
@@ -42,6 +42,8 @@ pub struct MapSaver {
     saved_ns: Option<i64>,
     /// Something came after the last saving.
     unsaved: bool,
+    /// A standby's: up to this frame all but the map comes from the saver that leads.
+    loaded_seq: Option<u64>,
 }
 
 impl Stage for MapSaver {
@@ -64,6 +66,7 @@ impl Stage for MapSaver {
             cloud: ThinnedCloud::new(config.cloud_voxel_m, config.max_cloud_points),
             saved_ns: None,
             unsaved: false,
+            loaded_seq: None,
             config,
         })
     }
@@ -74,15 +77,55 @@ impl Stage for MapSaver {
         _output: &mut NoOutput,
         counters: &mut Counters,
     ) -> Result<(), StageError> {
-        self.add_voxels(&input, counters)?;
-        self.add_points(&input, counters);
-        self.add_poses(&input, counters);
-        self.unsaved = true;
-
+        self.gather(&input, counters)?;
         let frame = &input.map.header.frame;
         if frame.flags & frame_flags::END_OF_STREAM != 0 || self.is_due(frame.end_ns) {
             self.save()?;
         }
+        Ok(())
+    }
+
+    /// Gathers the same and writes nothing.
+    fn follow(&mut self, input: SinkInput<'_>, _done: Option<&Ack>) -> Result<Readiness, StageError> {
+        let counters = &mut Counters::default();
+        if self.loaded_seq.is_some_and(|loaded| input.map.header.frame.seq <= loaded) {
+            self.add_voxels(&input, counters)?;
+        } else {
+            self.gather(&input, counters)?;
+        }
+        Ok(if self.loaded_seq.is_some() { Readiness::Ready } else { Readiness::Following })
+    }
+
+    fn save_state(&self, state: &mut State) {
+        for poses in [&self.trajectory, &self.truth] {
+            state.put(poses.len() as u64);
+            for TumPose { stamp_ns, position, orientation } in poses {
+                state.put(stamp_ns.cast_unsigned());
+                state.put_reals(position);
+                state.put_reals(orientation);
+            }
+        }
+        state.put(self.cloud.points().len() as u64);
+        for point in self.cloud.points() {
+            state.put_reals(&[point.x, point.y, point.z, point.intensity].map(f64::from));
+        }
+    }
+
+    fn load_state(&mut self, state: &mut State, seq: u64) -> Result<(), StageError> {
+        for poses in [&mut self.trajectory, &mut self.truth] {
+            poses.clear();
+            for _ in 0..state.number()? {
+                let stamp_ns = state.number()?.cast_signed();
+                poses.push(TumPose { stamp_ns, position: state.reals()?, orientation: state.reals()? });
+            }
+        }
+        self.cloud = ThinnedCloud::new(self.config.cloud_voxel_m, self.config.max_cloud_points);
+        for _ in 0..state.number()? {
+            let [x, y, z, intensity] = state.reals()?.map(|number| number as f32);
+            // Another cell size or limit thins them again.
+            let _ = self.cloud.insert(CloudPoint { x, y, z, intensity });
+        }
+        (self.loaded_seq, self.unsaved) = (Some(seq), true);
         Ok(())
     }
 
@@ -92,11 +135,19 @@ impl Stage for MapSaver {
 }
 
 impl MapSaver {
+    fn gather(&mut self, input: &SinkInput<'_>, counters: &mut Counters) -> Result<(), StageError> {
+        self.add_voxels(input, counters)?;
+        self.add_points(input, counters);
+        self.add_poses(input, counters);
+        self.unsaved = true;
+        Ok(())
+    }
+
     fn add_voxels(&mut self, input: &SinkInput<'_>, counters: &mut Counters) -> Result<(), StageError> {
         let header = input.map.header;
         let map = match &mut self.map {
             Some(map) if header.map_flags & map_flags::SNAPSHOT == 0 => map,
-            other => other.insert(new_map(header, self.sensor, self.config.max_bricks)?),
+            other => other.insert(new_map(header, self.sensor, self.config.max_map_mib)?),
         };
         if map.space().resolution() != header.resolution {
             // Updates of another resolution belong to a map whose beginning is not known here.
@@ -174,8 +225,9 @@ impl MapSaver {
     }
 }
 
-fn new_map(header: &MapHeader, sensor: SensorModel, max_bricks: u32) -> Result<OctreeMap, StageError> {
-    let config = MapConfig { sensor, max_bricks, ..MapConfig::new(header.resolution) };
+fn new_map(header: &MapHeader, sensor: SensorModel, max_map_mib: f64) -> Result<OctreeMap, StageError> {
+    let max_bytes = (max_map_mib * f64::from(1 << 20)) as usize;
+    let config = MapConfig { sensor, max_bytes, ..MapConfig::new(header.resolution) };
     OctreeMap::new(config).map_err(|cause: MapError| StageError::Config(format!("map/update: {cause}")))
 }
 

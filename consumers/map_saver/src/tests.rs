@@ -211,7 +211,7 @@ fn ceilings_hold_and_what_goes_beyond_is_counted() {
     let mut bench = Bench::new(|config| {
         config.max_cloud_points = 10;
         config.max_poses = 2;
-        config.max_bricks = 3;
+        config.max_map_mib = 0.0625;
     });
     bench.walk(0..3);
     assert_eq!(bench.saver.cloud.points().len(), 10);

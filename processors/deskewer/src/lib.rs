@@ -16,7 +16,7 @@ mod motion;
 
 use evac_frames::{Point, ScanHeader, scan_flags};
 use evac_geometry::nalgebra::Isometry3;
-use evac_stage::{Counters, Rig, ScanOutput, ScanWithImu, Stage, StageConfig, StageError};
+use evac_stage::{Counters, Readiness, Rig, Routed, ScanOutput, ScanWithImu, Stage, StageConfig, StageError};
 
 use crate::back_projection::BackProjection;
 pub use crate::config::DeskewerConfig;
@@ -115,6 +115,16 @@ impl Stage for Deskewer {
         let scan = self.deskew(&input, counters);
         let mut points = scan.points();
         output.publish(scan.header(), scan.len(), |_| points.next().unwrap_or_default())
+    }
+
+    /// Ready when it has followed the motion over a whole scan: pose, biases and the clocks' offset come with the routed pose.
+    fn follow(
+        &mut self,
+        input: ScanWithImu<'_>,
+        _routed: Option<Routed<'_, ScanOutput>>,
+    ) -> Result<Readiness, StageError> {
+        let covered = self.back_projection_for(&input).is_some() || !self.enabled;
+        Ok(if covered { Readiness::Ready } else { Readiness::Following })
     }
 }
 

@@ -17,6 +17,11 @@ impl KeyFrames {
         Self { config, last: None }
     }
 
+    /// Another mapper has chosen the scan that ended at `end_ns` with this pose.
+    pub fn adopt(&mut self, end_ns: i64, map_from_lidar: &Isometry3<f64>) {
+        self.last = Some((end_ns, *map_from_lidar));
+    }
+
     /// Whether the scan that ended at `end_ns` with this pose is a key frame; if so the next ones are compared with it.
     pub fn choose(&mut self, end_ns: i64, map_from_lidar: &Isometry3<f64>) -> bool {
         let chosen = self.last.is_none_or(|(last_ns, last)| {

@@ -12,11 +12,16 @@ mod mapper;
 mod outliers;
 #[cfg(test)]
 mod synthetic;
+mod unseen;
 
-pub use cloud::{CloudMap, map_of_cloud, remove_ground};
+pub use cloud::{
+    CloudFilter, CloudFilterConfig, CloudFilterError, CloudMap, CloudOutlierConfig, CloudSource, Removed,
+    Verdict, map_of_cloud,
+};
 pub use config::{KeyFrameConfig, OccupancyConfig, OctreeMapperConfig};
 pub use filter_config::{BoundsConfig, GroundConfig, OutlierConfig};
 pub use ground::GroundFilter;
 pub use key_frame::KeyFrames;
 pub use mapper::OctreeMapper;
 pub use outliers::RadiusOutlierFilter;
+pub use unseen::{UnseenAction, UnseenConfig};

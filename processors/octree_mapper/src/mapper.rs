@@ -4,9 +4,12 @@ use evac_frames::{MapHeader, PoseFrame, TrackingState, map_flags};
 use evac_geometry::map_from_lidar;
 use evac_geometry::nalgebra::{Isometry3, Point3};
 use evac_octree::{OctreeMap, Scan, ScanOptions};
-use evac_stage::{Counters, MapOutput, Rig, ScanWithPose, Stage, StageConfig, StageError};
+use evac_stage::{
+    Counters, MapMessage, MapOutput, Readiness, Rig, ScanWithPose, Stage, StageConfig, StageError,
+};
 
 use crate::key_frame::KeyFrames;
+use crate::unseen::Upkeep;
 use crate::{GroundFilter, OctreeMapperConfig, RadiusOutlierFilter};
 
 /// Points a scan that buffers hold from the start: three Mid-40 frames; a larger scan lets them grow once.
@@ -23,6 +26,9 @@ pub struct OctreeMapper {
     map: OctreeMap,
     key_frames: KeyFrames,
     key_frame_count: u64,
+    /// Key frames that this instance has inserted or followed.
+    seen_key_frames: u64,
+    upkeep: Upkeep,
     /// Of the newest update.
     newest: Option<MapHeader>,
     outliers: RadiusOutlierFilter,
@@ -71,7 +77,11 @@ impl OctreeMapper {
             ground: &self.ground_points,
             misses: &[],
         };
-        let options = ScanOptions { max_range: Some(self.config.max_range_m), ..ScanOptions::default() };
+        let options = ScanOptions {
+            max_range: Some(self.config.max_range_m),
+            coarse_free_space: self.config.coarse_free_space,
+            ..ScanOptions::default()
+        };
         let report = self.map.insert_scan(&scan, &options);
         header.hits = report.hits;
         header.ground = report.ground;
@@ -131,6 +141,8 @@ impl Stage for OctreeMapper {
             map: OctreeMap::new(map_config).map_err(|e| StageError::Config(e.to_string()))?,
             key_frames: KeyFrames::new(config.key_frames),
             key_frame_count: 0,
+            seen_key_frames: 0,
+            upkeep: Upkeep::default(),
             newest: None,
             outliers: RadiusOutlierFilter::new(config.outliers, CAPACITY),
             ground: GroundFilter::new(config.ground, CAPACITY),
@@ -157,17 +169,67 @@ impl Stage for OctreeMapper {
         let end_ns = input.header.frame.end_ns;
         let key_pose = pose.filter(|pose| self.key_frames.choose(end_ns, pose));
         if let Some(map_from_lidar) = key_pose {
+            self.upkeep.tend(&mut self.map, &self.config.unseen);
             self.insert(&input, &map_from_lidar, &mut header, counters);
             self.key_frame_count += 1;
+            self.seen_key_frames += 1;
             header.map_flags = map_flags::KEY_FRAME;
         }
         header.key_frames = self.key_frame_count;
-        let mut changes = key_pose.map(|_| self.map.changes());
-        let changed = changes.as_ref().map_or(0, |_| self.map.changed());
-        output
-            .publish(&header, changed, |_| changes.as_mut().and_then(Iterator::next).unwrap_or_default())?;
+        // What was forgotten before the scan comes before what the scan has changed.
+        let aged = if key_pose.is_some() { self.upkeep.changed.as_slice() } else { &[] };
+        let scanned = key_pose.map_or(0, |_| self.map.changed());
+        let mut changes = aged.iter().copied().chain(self.map.changes());
+        output.publish(&header, aged.len() + scanned, |_| changes.next().unwrap_or_default())?;
         self.newest = Some(header);
         self.serve(output)
+    }
+
+    /// Takes the voxels over as they are, and comes to the same choice of key frames and the same memory of the ground.
+    ///
+    /// Ready when that memory is complete: after 16 patches of ground, or if it has followed since the first key frame.
+    fn follow(
+        &mut self,
+        input: ScanWithPose<'_>,
+        routed: Option<MapMessage<'_>>,
+    ) -> Result<Readiness, StageError> {
+        let Some(update) = routed else { return Ok(Readiness::Following) };
+        if update.header.map_flags & map_flags::KEY_FRAME != 0
+            && let Some(pose) = self.usable_pose(input.pose, &mut Counters::default())
+        {
+            self.key_frames.adopt(input.header.frame.end_ns, &pose);
+            self.filter(&input, &pose, &mut MapHeader::default());
+            self.seen_key_frames += 1;
+        }
+        self.adopt(update)?;
+        let is_complete = self.seen_key_frames == self.key_frame_count;
+        let is_ready = self.seen_key_frames > 0 && (self.ground.is_warm() || is_complete);
+        Ok(if is_ready { Readiness::Ready } else { Readiness::Following })
+    }
+
+    fn adopt(&mut self, routed: MapMessage<'_>) -> Result<(), StageError> {
+        let header = routed.header;
+        if header.resolution != self.config.resolution_m {
+            return Err(StageError::Config(format!(
+                "resolution_m = {} does not continue the map of the routed mapper, which has {} m; use the same, or stop the pipeline first",
+                self.config.resolution_m, header.resolution
+            )));
+        }
+        if header.map_flags & map_flags::SNAPSHOT != 0 {
+            let config = self.config.map_config().map_err(StageError::Config)?;
+            self.map = OctreeMap::new(config).map_err(|e| StageError::Config(e.to_string()))?;
+            self.seen_key_frames = 0;
+        }
+        for voxel in routed.voxels {
+            self.map.apply(voxel).map_err(|cause| {
+                StageError::Config(format!(
+                    "the routed mapper's map does not fit into this one: {cause:?}; raise max_map_mib"
+                ))
+            })?;
+        }
+        self.key_frame_count = header.key_frames;
+        self.newest = Some(MapHeader { map_flags: 0, ..*header });
+        Ok(())
     }
 
     /// Publishes the map for a reader that asks for it, from the first scan on.

@@ -1,7 +1,32 @@
 //! Whole clouds: what `evac convert` does.
 
+#![allow(clippy::unwrap_used)]
+
 use evac_octree::{MapConfig, Occupancy, SensorModel};
-use evac_octree_mapper::{GroundConfig, map_of_cloud, remove_ground};
+use evac_octree_mapper::{
+    BoundsConfig, CloudFilter, CloudFilterConfig, GroundConfig, Removed, Verdict, map_of_cloud,
+};
+
+const NOTHING: CloudFilterConfig = CloudFilterConfig {
+    outliers: None,
+    bounds: BoundsConfig { x_m: None, y_m: None, z_m: None, min_range_m: 0.0, max_range_m: 1000.0 },
+    ground: None,
+    reach_m: 1e6,
+};
+
+/// Takes the ground out; gives what stays and the counts.
+fn remove_ground(points: &[[f32; 3]]) -> (Vec<[f32; 3]>, Removed) {
+    let filter = CloudFilter::new(CloudFilterConfig { ground: Some(GroundConfig::default()), ..NOTHING });
+    let mut rest = Vec::new();
+    let mut source = points;
+    let visit = |point, verdict| {
+        if verdict == Verdict::Kept {
+            rest.push(point);
+        }
+    };
+    let removed = filter.unwrap().run(&mut source, visit).unwrap();
+    (rest, removed)
+}
 
 /// A floor of 10 x 8 m, four pillars and a ceiling, points every 10 cm.
 fn hall() -> (Vec<[f32; 3]>, usize) {
@@ -27,10 +52,12 @@ fn a_point_gives_one_hit_and_no_ray() {
 
 #[test]
 fn points_that_cannot_go_in_are_counted() {
-    let points = [[f32::NAN, 0.0, 0.0], [0.0, 1e9, 0.0], [0.0, f32::INFINITY, 0.0], [0.0; 3], [99.0; 3]];
-    let config = MapConfig { max_bricks: 1, ..MapConfig::new(0.1) };
-    let cloud = map_of_cloud(points, config).unwrap();
-    assert_eq!((cloud.hits, cloud.not_finite, cloud.outside, cloud.full), (1, 2, 1, 1));
+    let bad = [[f32::NAN, 0.0, 0.0], [0.0, 1e9, 0.0], [0.0, f32::INFINITY, 0.0]];
+    let far = (0..100).map(|n| [30.0 * n as f32, 0.0, 0.0]);
+    let config = MapConfig { max_bytes: 64 << 10, ..MapConfig::new(0.1) };
+    let cloud = map_of_cloud(bad.into_iter().chain(far), config).unwrap();
+    assert_eq!((cloud.not_finite, cloud.outside, cloud.hits + cloud.full), (2, 1, 100));
+    assert!(cloud.hits > 10 && cloud.full > 10 && cloud.map.memory_bytes() <= 64 << 10);
 }
 
 #[test]
@@ -39,20 +66,30 @@ fn the_floor_goes_and_the_rest_stays_in_its_order_wherever_the_cloud_lies() {
     for shift in [[0.0, 0.0, 0.0], [-300_000.0, 400_000.0, 35.0]] {
         let (points, floor) = hall();
         let shifted = points.iter().map(|p| std::array::from_fn(|k| p[k] + shift[k]));
-        let mut shifted: Vec<[f32; 3]> = shifted.collect();
+        let shifted: Vec<[f32; 3]> = shifted.collect();
         let rest = shifted[floor..].to_vec();
-        let removed = remove_ground(&mut shifted, &GroundConfig::default()).unwrap();
-        assert_eq!(removed, floor, "shift {shift:?}");
-        assert_eq!(shifted, rest);
+        let (stayed, removed) = remove_ground(&shifted);
+        assert_eq!(removed.ground, floor as u64, "shift {shift:?}");
+        assert_eq!(stayed, rest);
     }
 }
 
 #[test]
-fn points_without_numbers_stay_for_the_caller_to_count() {
+fn every_point_is_counted_under_one_reason() {
     let (mut points, floor) = hall();
     points.insert(7, [f32::NAN; 3]);
-    assert_eq!(remove_ground(&mut points, &GroundConfig::default()).unwrap(), floor);
-    assert!(points[0][0].is_nan());
+    points.insert(9, [0.0, f32::INFINITY, 0.0]);
+    points.push([2e6, 0.0, 0.0]);
+    let (stayed, removed) = remove_ground(&points);
+    let all = Removed {
+        not_finite: 2,
+        unreachable: 1,
+        ground: floor as u64,
+        kept: stayed.len() as u64,
+        ..Removed::default()
+    };
+    assert_eq!(removed, all);
+    assert_eq!(stayed.len() + floor + 3, points.len());
 }
 
 /// The synthetic station of the paper's Table 2: track bed at -1.2, platforms at 0, mezzanine at 4.4, all raised by
@@ -62,7 +99,7 @@ fn all_levels_of_the_station_go_and_its_ceilings_and_walls_stay() {
     let Some(path) = evac_testkit::unpacked("simulated/station/station.pcd") else { return };
     let bytes = std::fs::read(path).unwrap();
     let start = bytes.windows(12).position(|part| part == b"DATA binary\n").unwrap() + 12;
-    let mut points: Vec<[f32; 3]> = bytes[start..]
+    let points: Vec<[f32; 3]> = bytes[start..]
         .chunks_exact(12)
         .map(|p| std::array::from_fn(|k| f32::from_le_bytes(p[4 * k..4 * k + 4].try_into().unwrap())))
         .collect();
@@ -70,7 +107,7 @@ fn all_levels_of_the_station_go_and_its_ceilings_and_walls_stay() {
     let near =
         |points: &[[f32; 3]], z: f32| points.iter().filter(|p| (p[2] - z - 0.087).abs() < 0.05).count();
     let before: Vec<usize> = [-1.2, 0.0, 4.4, 4.0, 10.8].map(|z| near(&points, z)).to_vec();
-    remove_ground(&mut points, &GroundConfig::default()).unwrap();
+    let (points, _) = remove_ground(&points);
     let after: Vec<usize> = [-1.2, 0.0, 4.4, 4.0, 10.8].map(|z| near(&points, z)).to_vec();
     for level in 0..3 {
         assert!((after[level] as f64) < 0.04 * before[level] as f64, "floor {level}: {} left", after[level]);

@@ -199,10 +199,11 @@ fn the_end_of_the_stream_is_passed_on() {
 #[test]
 fn a_full_map_says_so_and_goes_on() {
     let (mut output, mut counters) = (MapOutput::default(), Counters::default());
-    let mut mapper = mapper(OctreeMapperConfig { max_bricks: 20, ..Default::default() });
+    let mut mapper =
+        mapper(OctreeMapperConfig { resolution_m: 0.05, max_map_mib: 0.125, ..Default::default() });
     walk(&mut mapper, 4, &mut output, &mut counters);
     assert_eq!((output.memory.len(), counters.degraded), (4, 2), "both key frames are in it only in part");
-    assert!(mapper.map().bricks() <= 20);
+    assert!(mapper.map().known() > 1000 && mapper.map().memory_bytes() <= 192 << 10);
 }
 
 #[test]

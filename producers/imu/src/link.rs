@@ -82,13 +82,13 @@ fn refusal(path: &Path, cause: &std::io::Error) -> String {
 }
 
 /// The port in `folder` (normally `/dev/serial/by-id`) whose name contains `part`; of several the first by name.
-pub fn by_id(folder: &Path, part: &str) -> Option<PathBuf> {
+fn by_id(folder: &Path, part: &str) -> Option<PathBuf> {
     let entries = std::fs::read_dir(folder).ok()?.flatten();
     entries.map(|entry| entry.path()).filter(|path| path.to_string_lossy().contains(part)).min()
 }
 
 /// Latency timer of a USB adapter that has one (FTDI), milliseconds: so long it keeps bytes back.
-pub fn latency_timer_ms(device: &Path) -> Option<u32> {
+fn latency_timer_ms(device: &Path) -> Option<u32> {
     let name = device.file_name()?;
     let path = Path::new("/sys/bus/usb-serial/devices").join(name).join("latency_timer");
     std::fs::read_to_string(path).ok()?.trim().parse().ok()

@@ -6,17 +6,17 @@ use std::path::PathBuf;
 use evac_stage::StageConfig;
 use serde::{Deserialize, Serialize};
 
-/// Configuration of the replay: a capture with or without a byte log, or a bag.
+/// Configuration of the replay: a capture or Livox recording with or without a byte log, or a bag.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
-    /// Capture (classic pcap) of a Livox device's UDP packets.
+    /// Capture (classic pcap) of a Livox device's UDP packets, or a recording of Livox Viewer (LVX, LVX2).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lidar: Option<PathBuf>,
     /// Byte log of a WT901C. Without it the IMU packets inside the capture are used.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub imu: Option<PathBuf>,
-    /// ROS 1 bag, instead of `lidar` and `imu`.
+    /// Bag, instead of `lidar` and `imu`: ROS 1, or a file or folder of ROS 2 (MCAP, db3) or of evac's recorder.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bag: Option<PathBuf>,
     /// Output rate of the WT901C. Its log is evenly sampled: sample k was measured at the first LiDAR packet's
@@ -41,6 +41,10 @@ pub struct Config {
     pub one_g_m_s2: f64,
     /// Length of a scan made of packets, milliseconds; a bag's messages stay as they are. The paper's 10 Hz.
     pub scan_period_ms: f64,
+    /// Seconds of the recording that are left out at its start.
+    pub start_s: f64,
+    /// Seconds of the recording that are replayed, to the end of the scan in which they end; 0 for all.
+    pub duration_s: f64,
     /// Use a cut-off recording up to where it ends, instead of refusing it.
     pub allow_truncated: bool,
 }
@@ -73,6 +77,8 @@ impl Default for Config {
             imu_unit: ImuUnit::Auto,
             one_g_m_s2: 9.80665,
             scan_period_ms: 100.0,
+            start_s: 0.0,
+            duration_s: 0.0,
             allow_truncated: false,
         }
     }
@@ -100,6 +106,8 @@ impl StageConfig for Config {
         in_range("imu_rate_hz", self.imu_rate_hz, 1.0, 2000.0)?;
         // A device's clock counts from power-on, a host's from 1970: the offset may be decades.
         in_range("imu_offset_ms", self.imu_offset_ms, -4e12, 4e12)?;
+        in_range("start_s", self.start_s, 0.0, 1e7)?;
+        in_range("duration_s", self.duration_s, 0.0, 1e7)?;
         in_range("one_g_m_s2", self.one_g_m_s2, 9.7, 9.9)?;
         // The longest time since its frame's start that a point can carry is 167 ms.
         in_range("scan_period_ms", self.scan_period_ms, 10.0, 160.0)

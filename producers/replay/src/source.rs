@@ -1,9 +1,9 @@
 //! Joins scans and IMU samples in the order of time.
 
-use evac_frames::{ImuSample, Point, ScanHeader, frame_flags};
+use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader, frame_flags};
 use evac_stage::{Counters, Rig, SensorEvent, Source, StageConfig, StageError};
 
-use crate::streams::{Recording, SECOND};
+use crate::streams::{Recording, SECOND, seconds};
 use crate::{Config, bag, capture};
 
 /// IMU samples from longer before the first scan than this are of no use to anyone and left out.
@@ -19,6 +19,10 @@ pub struct Replay {
     sample: Option<ImuSample>,
     /// IMU samples from too long before the first scan.
     lead_in: u64,
+    /// A scan that ends here or later is the last, where only a part is replayed.
+    until_ns: Option<i64>,
+    /// Whether the whole recording is replayed.
+    whole: bool,
     /// Time of the last IMU sample that went out.
     imu_until: i64,
     /// End of the last scan, once it has gone out.
@@ -34,7 +38,10 @@ impl Source for Replay {
     fn new(config: Config, _rig: &Rig) -> Result<Self, StageError> {
         config.check().map_err(StageError::Config)?;
         let recording = if config.bag.is_some() { bag::open(&config)? } else { capture::open(&config)? };
+        let whole = config.start_s == 0.0 && config.duration_s == 0.0;
         let mut replay = Self {
+            whole,
+            until_ns: None,
             recording,
             scan: None,
             points: Vec::new(),
@@ -45,11 +52,12 @@ impl Source for Replay {
             announced: false,
         };
         replay.read_scan()?;
+        replay.choose_part(&config)?;
         let start = replay.scan.map_or(i64::MIN, |scan| scan.frame.start_ns);
         replay.read_sample()?;
         while replay.sample.is_some_and(|sample| sample.stamp_ns < start.saturating_sub(IMU_LEAD)) {
             replay.read_sample()?;
-            replay.lead_in += 1;
+            replay.lead_in += u64::from(config.start_s == 0.0);
         }
         Ok(replay)
     }
@@ -83,6 +91,10 @@ impl Source for Replay {
         self.points.get(index).copied().unwrap_or_default()
     }
 
+    fn truth(&self) -> Option<PoseFrame> {
+        self.recording.scans.truth()
+    }
+
     fn counters(&self) -> Counters {
         let (scans, imu) = (self.recording.scans.counters(), self.recording.imu.counters());
         Counters {
@@ -93,7 +105,7 @@ impl Source for Replay {
     }
 
     fn total_scans(&self) -> Option<u64> {
-        Some(self.recording.scans.total())
+        self.whole.then(|| self.recording.scans.total())
     }
 }
 
@@ -104,9 +116,40 @@ impl Replay {
         Ok(SensorEvent::Imu(sample))
     }
 
+    /// Goes to the first scan of the part that is wanted.
+    fn choose_part(&mut self, config: &Config) -> Result<(), StageError> {
+        let Some(first) = self.scan.map(|scan| scan.frame.start_ns) else { return Ok(()) };
+        let from_ns = first.saturating_add((config.start_s * 1e9) as i64);
+        let mut end_ns = first;
+        while let Some(scan) = self.scan.filter(|scan| scan.frame.start_ns < from_ns) {
+            end_ns = scan.frame.end_ns;
+            self.read_scan()?;
+        }
+        let Some(start_ns) = self.scan.map(|scan| scan.frame.start_ns) else {
+            let (start, length) = (config.start_s, seconds(end_ns - first));
+            let text =
+                format!("start_s = {start} leaves nothing of a recording of {length:.1} s; choose less");
+            return Err(StageError::Config(text));
+        };
+        if config.duration_s > 0.0 {
+            self.until_ns = Some(start_ns.saturating_add((config.duration_s * 1e9) as i64));
+            self.mark_last();
+        }
+        Ok(())
+    }
+
     fn read_scan(&mut self) -> Result<(), StageError> {
         self.scan = self.recording.scans.next_scan(&mut self.points).map_err(file)?;
+        self.mark_last();
         Ok(())
+    }
+
+    fn mark_last(&mut self) {
+        if let (Some(scan), Some(until_ns)) = (&mut self.scan, self.until_ns)
+            && scan.frame.end_ns >= until_ns
+        {
+            scan.frame.flags |= frame_flags::END_OF_STREAM;
+        }
     }
 
     fn read_sample(&mut self) -> Result<(), StageError> {

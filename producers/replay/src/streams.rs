@@ -1,7 +1,7 @@
 //! The two halves of a recording.
 
 use evac_formats::FormatError;
-use evac_frames::{ImuSample, Point, ScanHeader};
+use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader};
 use evac_stage::Counters;
 
 /// Nanoseconds of one second.
@@ -11,6 +11,11 @@ pub(crate) const SECOND: i64 = 1_000_000_000;
 pub(crate) trait ScanStream {
     /// The next scan, `None` after the last; its points replace those in `points`.
     fn next_scan(&mut self, points: &mut Vec<Point>) -> Result<Option<ScanHeader>, FormatError>;
+
+    /// The true pose of the scan that was read last, where the recording has it.
+    fn truth(&self) -> Option<PoseFrame> {
+        None
+    }
 
     /// Scans in the recording, for progress.
     fn total(&self) -> u64;

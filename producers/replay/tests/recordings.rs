@@ -134,3 +134,44 @@ fn two_replays_of_one_recording_are_equal() {
     let (a, b) = (tell(config.clone(), usize::MAX), tell(config, usize::MAX));
     assert_eq!((a.scans, a.imu, a.points), (b.scans, b.imu, b.points));
 }
+
+/// A recording whose IMU is the LiDAR's own.
+fn packets(path: &str) -> Option<common::Told> {
+    Some(tell(Config { lidar: Some(evac_testkit::data(path)?), ..Config::default() }, usize::MAX))
+}
+
+#[test]
+fn an_official_recording_of_an_avia_gives_its_points_and_imu() {
+    let Some(told) = packets("protocols/lvx/avia_3frames_official_sample_prefix.lvx") else { return };
+    // 148 ms; the last third of a scan is left out.
+    assert_eq!((told.scans.len(), told.scans[0].frame.start_ns), (1, 5_000_000_000));
+    assert!(told.imu.len() >= 20 && told.imu.iter().all(|sample| (sample.accel[2] - 9.80665).abs() < 1e-6));
+    assert!(told.points.len() > 9_000 && told.returns > 9_000, "{} points", told.points.len());
+}
+
+#[test]
+fn a_mid_360_s_capture_gives_its_points_and_imu() {
+    let Some(told) = packets("protocols/pcap/sdk2_mid360_session.pcap") else { return };
+    // 250 packets of 96 points, one each 960 us; the last 40 ms are left out.
+    assert_eq!(told.scans.len(), 2);
+    assert!((19_990..=20_020).contains(&told.points.len()), "{} points", told.points.len());
+    assert!(told.imu.len() >= 40, "{} samples", told.imu.len());
+    assert_eq!(told.counters.late, 0);
+}
+
+#[test]
+fn a_part_of_a_recording_is_the_same_scans_as_in_the_whole() {
+    let Some(config) = bag("simulated/bags/hall_first_2s_lz4.bag") else { return };
+    let whole = tell(config.clone(), usize::MAX);
+    let part = tell(Config { start_s: 0.5, duration_s: 0.75, ..config.clone() }, usize::MAX);
+    assert_eq!((part.scans.len(), part.total), (8, None));
+    for (index, (part, whole)) in part.scans.iter().zip(&whole.scans[5..]).enumerate() {
+        assert_eq!((part.frame.start_ns, part.points), (whole.frame.start_ns, whole.points));
+        assert_eq!(part.frame.flags & frame_flags::END_OF_STREAM != 0, index == 7);
+    }
+    let first = whole.scans[..5].iter().map(|scan| scan.points as usize).sum::<usize>();
+    assert_eq!(part.points, whole.points[first..first + part.points.len()]);
+    assert_eq!(part.counters, Counters::default());
+    let said = common::error_of(Config { start_s: 2.5, ..config });
+    assert!(said.contains("start_s = 2.5") && said.contains("2.0 s"), "{said}");
+}

@@ -154,6 +154,12 @@ impl Walk {
         Some(self.map_from_world * Point3::from(ray.origin + ray.direction * range))
     }
 
+    /// Whether a place in the map frame lies within a body of the building: for outlines that plans are compared with. Without
+    /// people, and without the rock of tunnels.
+    pub fn is_solid(&self, place: &Point3<f64>) -> bool {
+        self.world.is_solid(&(self.map_from_world.inverse() * place).coords)
+    }
+
     /// What the IMU's own clock shows at a sensor time, both in nanoseconds.
     fn imu_stamp(&self, time_ns: f64) -> f64 {
         time_ns * self.clock_rate + self.clock_offset_ns

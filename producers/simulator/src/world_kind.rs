@@ -1,9 +1,10 @@
 //! The buildings that can be walked through.
 
+use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
 /// The building that is walked through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum WorldKind {
     /// A basement corridor in a rectangle of 17 x 11 m, walked once round (four turns of 90 degrees on the spot).
@@ -35,6 +36,7 @@ pub enum WorldKind {
     /// A landing around a stairwell's eye of 18 m, with a lift shaft behind an open door, drawn from `building`.
     Shaft,
     /// Discs in place of the points of `clouds`, along `way_points_m`.
+    #[value(skip)]
     SemiReal,
 }
 

@@ -24,6 +24,12 @@ pub(crate) fn civil(seconds: i64) -> (i64, u8, u8, u8, u8, u8) {
     (year, month as u8, day as u8, (rest / 3600) as u8, (rest / 60 % 60) as u8, (rest % 60) as u8)
 }
 
+/// A date and time as the name of a file or folder, for example `2026-11-21T14-00-15Z`.
+pub fn name(seconds: i64) -> String {
+    let (year, month, day, hour, minute, second) = civil(seconds);
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}Z")
+}
+
 /// Days of 400 years, after which the calendar repeats.
 const DAYS_OF_ERA: i64 = 146_097;
 /// Days from 1 March of the year 0 to 1970-01-01.

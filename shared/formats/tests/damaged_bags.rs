@@ -8,18 +8,24 @@ mod common;
 use std::fs;
 use std::sync::LazyLock;
 
-use evac_formats::ros1::{CustomMsg, Imu, PointCloud2};
-use evac_formats::rosbag::{BagIndex, BagReader};
+use evac_formats::ros::{CustomMsg, Encoding, Imu, PointCloud2, octets};
+use evac_formats::rosbag::BagIndex;
 use proptest::prelude::*;
 
 use common::damaged;
 
 fn read_message(bytes: &[u8]) {
-    let _ = Imu::parse(bytes);
-    if let Ok(message) = CustomMsg::parse(bytes) {
+    read_message_as(bytes, Encoding::Ros1);
+    read_message_as(bytes, Encoding::Cdr);
+}
+
+fn read_message_as(bytes: &[u8], encoding: Encoding) {
+    let _ = octets(bytes, encoding);
+    let _ = Imu::parse(bytes, encoding);
+    if let Ok(message) = CustomMsg::parse(bytes, encoding) {
         assert!((0..message.len()).all(|index| message.point(index).is_some()));
     }
-    if let Ok(cloud) = PointCloud2::parse(bytes) {
+    if let Ok(cloud) = PointCloud2::parse(bytes, encoding) {
         assert!(cloud.len() <= bytes.len());
         assert!((0..cloud.len()).all(|index| cloud.point(index).is_some()));
     }
@@ -31,7 +37,7 @@ fn read_bag(bytes: &[u8], tolerant: bool) {
     fs::write(&path, bytes).unwrap();
     let Ok(index) = BagIndex::read(&path, tolerant) else { return };
     let wanted: Vec<_> = index.connections().iter().map(|connection| connection.id).collect();
-    let mut reader = BagReader::new(&index, &wanted).unwrap();
+    let mut reader = index.messages(&wanted).unwrap();
     while let Ok(Some(message)) = reader.next_message() {
         read_message(message.data);
     }
@@ -143,11 +149,11 @@ fn the_undamaged_bytes_are_accepted() {
         let index = BagIndex::read(&path, false).unwrap();
         let messages: Vec<_> = index.connections().iter().map(|connection| connection.messages).collect();
         assert_eq!(messages, [1, 1], "{compression}");
-        let mut reader = BagReader::new(&index, &[0, 1]).unwrap();
+        let mut reader = index.messages(&[0, 1]).unwrap();
         let cloud = reader.next_message().unwrap().unwrap();
-        assert_eq!(PointCloud2::parse(cloud.data).unwrap().len(), 2);
+        assert_eq!(PointCloud2::parse(cloud.data, Encoding::Ros1).unwrap().len(), 2);
         let custom = reader.next_message().unwrap().unwrap();
-        assert_eq!(CustomMsg::parse(custom.data).unwrap().len(), 2);
+        assert_eq!(CustomMsg::parse(custom.data, Encoding::Ros1).unwrap().len(), 2);
         assert!(reader.next_message().unwrap().is_none());
     }
 }

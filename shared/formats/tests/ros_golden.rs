@@ -1,12 +1,17 @@
-//! ROS 1 messages and bags against bytes of an independent library.
+//! ROS 1 and ROS 2 messages and bags against bytes of an independent library.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
-use evac_formats::ros1::{CustomMsg, Imu, PointCloud2, TimeUnit};
-use evac_formats::rosbag::{BagIndex, BagReader};
+use evac_formats::ros::{
+    CloudField, CustomMsg, CustomPoint, Datatype, Encoding, Imu, PointCloud2, Stamp, TimeUnit, write_cloud,
+    write_custom_msg, write_imu,
+};
+use evac_formats::rosbag::BagIndex;
 use serde_json::Value;
 
 const STAMP: i64 = 1_795_269_615_123_456_789;
+
+const ENCODINGS: [(Encoding, &str); 2] = [(Encoding::Ros1, "ros1_hex"), (Encoding::Cdr, "cdr_le_hex")];
 
 fn golden() -> Option<Value> {
     let path = evac_testkit::data("protocols/ros/messages.json")?;
@@ -23,11 +28,11 @@ fn floats(value: &Value, names: [&str; 3]) -> [f32; 3] {
 }
 
 #[track_caller]
-fn check_custom(bytes: &[u8], decoded: &Value) {
-    let message = CustomMsg::parse(bytes).unwrap();
+fn check_custom(encoding: Encoding, bytes: &[u8], decoded: &Value) {
+    let message = CustomMsg::parse(bytes, encoding).unwrap();
     assert_eq!(
         (message.header.seq, message.header.stamp_ns, message.header.frame_id),
-        (7, STAMP, b"livox_frame".as_slice())
+        (if encoding == Encoding::Ros1 { 7 } else { 0 }, STAMP, b"livox_frame".as_slice())
     );
     assert_eq!((message.timebase_ns, message.lidar_id, message.len()), (STAMP, 1, 3));
     for (index, expected) in decoded["points"].as_array().unwrap().iter().enumerate() {
@@ -42,8 +47,8 @@ fn check_custom(bytes: &[u8], decoded: &Value) {
 }
 
 #[track_caller]
-fn check_cloud(bytes: &[u8], decoded: &Value, timed: bool) {
-    let cloud = PointCloud2::parse(bytes).unwrap();
+fn check_cloud(encoding: Encoding, bytes: &[u8], decoded: &Value, timed: bool) {
+    let cloud = PointCloud2::parse(bytes, encoding).unwrap();
     assert_eq!((cloud.header.stamp_ns, cloud.len(), cloud.has_time()), (STAMP, 3, timed));
     let mut times = Vec::new();
     for (index, expected) in decoded["points"].as_array().unwrap().iter().enumerate() {
@@ -64,8 +69,8 @@ fn check_cloud(bytes: &[u8], decoded: &Value, timed: bool) {
 }
 
 #[track_caller]
-fn check_imu(bytes: &[u8], decoded: &Value) {
-    let imu = Imu::parse(bytes).unwrap();
+fn check_imu(encoding: Encoding, bytes: &[u8], decoded: &Value) {
+    let imu = Imu::parse(bytes, encoding).unwrap();
     assert_eq!((imu.header.stamp_ns, imu.header.frame_id), (STAMP, b"livox_frame".as_slice()));
     for (values, name) in [(imu.gyro, "gyro"), (imu.accel, "acc_g")] {
         let expected = [0, 1, 2].map(|axis| decoded["imu"][name][axis].as_f64().unwrap());
@@ -79,25 +84,103 @@ fn messages_of_both_livox_drivers_are_decoded() {
     for driver in ["livox_ros_driver", "livox_ros_driver2"] {
         let messages = &golden[driver];
         assert!(CustomMsg::TYPES.contains(&messages["custom"]["type_ros1"].as_str().unwrap()));
-        check_custom(&hex(&messages["custom"]["ros1_hex"]), &golden["decoded"]);
-        check_cloud(&hex(&messages["pc2_driver1"]["ros1_hex"]), &golden["decoded"], false);
-        check_cloud(&hex(&messages["pc2_driver2"]["ros1_hex"]), &golden["decoded"], true);
-        check_imu(&hex(&messages["imu"]["ros1_hex"]), &golden["decoded"]);
+        for (encoding, key) in ENCODINGS {
+            check_custom(encoding, &hex(&messages["custom"][key]), &golden["decoded"]);
+            check_cloud(encoding, &hex(&messages["pc2_driver1"][key]), &golden["decoded"], false);
+            check_cloud(encoding, &hex(&messages["pc2_driver2"][key]), &golden["decoded"], true);
+            check_imu(encoding, &hex(&messages["imu"][key]), &golden["decoded"]);
+        }
     }
+}
+
+#[test]
+fn messages_are_written_as_both_livox_drivers_write_them() {
+    let Some(golden) = golden() else { return };
+    let header = Stamp { seq: 7, stamp_ns: STAMP, frame_id: "livox_frame" };
+    let points: Vec<_> = golden["decoded"]["points"].as_array().unwrap().iter().map(point_of).collect();
+    let mut fields = vec![
+        CloudField { name: "x", offset: 0, datatype: Datatype::F32 },
+        CloudField { name: "y", offset: 4, datatype: Datatype::F32 },
+        CloudField { name: "z", offset: 8, datatype: Datatype::F32 },
+        CloudField { name: "intensity", offset: 12, datatype: Datatype::F32 },
+        CloudField { name: "tag", offset: 16, datatype: Datatype::U8 },
+        CloudField { name: "line", offset: 17, datatype: Datatype::U8 },
+    ];
+    for timed in [false, true] {
+        if timed {
+            fields.push(CloudField { name: "timestamp", offset: 18, datatype: Datatype::F64 });
+        }
+        for (encoding, key) in ENCODINGS {
+            let mut out = Vec::new();
+            write_cloud(&mut out, encoding, &header, &fields, if timed { 26 } else { 18 }, 3, |out| {
+                for point in &points {
+                    out.extend(point.position.iter().flat_map(|axis| axis.to_le_bytes()));
+                    out.extend(f32::from(point.reflectivity).to_le_bytes());
+                    out.extend([point.tag, point.line]);
+                    let stamp = (STAMP + i64::from(point.offset_ns)) as f64;
+                    out.extend(stamp.to_le_bytes().iter().filter(|_| timed));
+                }
+            });
+            let name = if timed { "pc2_driver2" } else { "pc2_driver1" };
+            assert_eq!(out, hex(&golden["livox_ros_driver2"][name][key]), "{name} {key}");
+        }
+    }
+    for (encoding, key) in ENCODINGS {
+        let mut out = Vec::new();
+        write_custom_msg(&mut out, encoding, &header, STAMP, 1, &points);
+        assert_eq!(out, hex(&golden["livox_ros_driver2"]["custom"][key]), "{key}");
+        out.clear();
+        write_imu(&mut out, encoding, &header, [0.01, -0.02, 0.03], [0.01, -0.02, 1.0], [0.0; 9]);
+        assert_eq!(out, hex(&golden["livox_ros_driver2"]["imu"][key]), "{key}");
+    }
+}
+
+fn point_of(value: &Value) -> CustomPoint {
+    let byte = |name: &str| value[name].as_u64().unwrap() as u8;
+    CustomPoint {
+        offset_ns: value["offset_time"].as_u64().unwrap() as u32,
+        position: floats(value, ["x", "y", "z"]),
+        reflectivity: byte("reflectivity"),
+        tag: byte("tag"),
+        line: byte("line"),
+    }
+}
+
+#[test]
+fn a_big_endian_ros_2_message_is_read_and_other_encapsulations_are_refused() {
+    let mut bytes = vec![0, 0, 0, 0];
+    bytes.extend(1_i32.to_be_bytes());
+    bytes.extend(2_u32.to_be_bytes());
+    bytes.extend(2_u32.to_be_bytes());
+    bytes.extend(*b"a\0\0\0\0\0\0\0\0\0\0\0"); // up to the multiple of eight
+    bytes.truncate(4 + 16);
+    bytes.extend([0_u8; (4 + 9) * 8]);
+    for value in [0.5_f64, 1.0, 2.0] {
+        bytes.extend(value.to_be_bytes());
+    }
+    bytes.extend([0_u8; (9 + 3 + 9) * 8]);
+    let imu = Imu::parse(&bytes, Encoding::Cdr).unwrap();
+    assert_eq!(
+        (imu.header.stamp_ns, imu.header.frame_id, imu.gyro),
+        (1_000_000_002, &b"a"[..], [0.5, 1.0, 2.0])
+    );
+    bytes[1] = 7;
+    assert!(Imu::parse(&bytes, Encoding::Cdr).unwrap_err().to_string().contains("00 07"));
 }
 
 #[test]
 fn messages_that_end_too_early_are_refused() {
     let Some(golden) = golden() else { return };
-    for name in ["custom", "pc2_driver1", "pc2_driver2", "imu"] {
-        let bytes = hex(&golden["livox_ros_driver"][name]["ros1_hex"]);
+    let names = ["custom", "pc2_driver1", "pc2_driver2", "imu"];
+    for (name, (encoding, key)) in names.iter().flat_map(|name| ENCODINGS.map(|encoding| (*name, encoding))) {
+        let bytes = hex(&golden["livox_ros_driver"][name][key]);
         // A PointCloud2 ends with its flag is_dense, which nobody needs.
         for length in 0..bytes.len() - 1 {
             let cut = &bytes[..length];
             let refused = match name {
-                "custom" => CustomMsg::parse(cut).is_err(),
-                "imu" => Imu::parse(cut).is_err(),
-                _ => PointCloud2::parse(cut).is_err(),
+                "custom" => CustomMsg::parse(cut, encoding).is_err(),
+                "imu" => Imu::parse(cut, encoding).is_err(),
+                _ => PointCloud2::parse(cut, encoding).is_err(),
             };
             assert!(refused, "{name} of {length} bytes");
         }
@@ -112,17 +195,19 @@ fn the_tiny_bag_holds_the_golden_messages() {
     let index = BagIndex::read(&path, false).unwrap();
     let mut seen = 0;
     for connection in index.connections() {
-        let mut reader = BagReader::new(&index, &[connection.id]).unwrap();
+        let mut reader = index.messages(&[connection.id]).unwrap();
         let mut count = 0;
         while let Some(message) = reader.next_message().unwrap() {
             assert_eq!(message.connection, connection.id);
             match connection.type_name.as_str() {
-                Imu::TYPE => check_imu(message.data, &golden["decoded"]),
+                Imu::TYPE => check_imu(Encoding::Ros1, message.data, &golden["decoded"]),
                 PointCloud2::TYPE => {
-                    let timed = PointCloud2::parse(message.data).unwrap().has_time();
-                    check_cloud(message.data, &golden["decoded"], timed);
+                    let timed = PointCloud2::parse(message.data, Encoding::Ros1).unwrap().has_time();
+                    check_cloud(Encoding::Ros1, message.data, &golden["decoded"], timed);
                 }
-                name if CustomMsg::TYPES.contains(&name) => check_custom(message.data, &golden["decoded"]),
+                name if CustomMsg::TYPES.contains(&name) => {
+                    check_custom(Encoding::Ros1, message.data, &golden["decoded"]);
+                }
                 other => panic!("{other} on {}", connection.topic),
             }
             count += 1;
@@ -143,7 +228,7 @@ fn bags_with_bz2_and_lz4_chunks_have_all_their_messages_in_the_order_of_recordin
             assert!(counts.contains(&(topic, rate * seconds)), "{counts:?}");
         }
         let wanted: Vec<_> = index.connections().iter().map(|connection| connection.id).collect();
-        let mut reader = BagReader::new(&index, &wanted).unwrap();
+        let mut reader = index.messages(&wanted).unwrap();
         let (mut last, mut count) = (i64::MIN, 0);
         while let Some(message) = reader.next_message().unwrap() {
             assert!(message.time_ns >= last);

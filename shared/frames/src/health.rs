@@ -14,7 +14,16 @@ pub enum StageState {
     Finished = 2,
     /// Stopping on an error.
     Failed = 3,
+    /// A standby that follows the routed instance and could not take over yet.
+    Following = 4,
+    /// A standby that could take over with the next frame.
+    Ready = 5,
+    /// Has handed over to another instance: [`Health::last_seq`] is the last frame it has dealt with, or [`NO_SEQ`].
+    Retired = 6,
 }
+
+/// In the place of a sequence number: there was no frame.
+pub const NO_SEQ: u64 = u64::MAX;
 
 frame! {
     /// Percentiles of one latency since the stage's start, nanoseconds.

@@ -8,14 +8,18 @@
 //! quaternions in the order x, y, z, w (as in ROS), transforms named `pose_map_from_lidar` (maps LiDAR
 //! coordinates to map coordinates).
 
+mod attitude;
 mod health;
 mod layout;
 mod map;
 mod pose;
+mod route;
 mod scan;
 
-pub use health::{Ack, Health, LatencySummary, OdometryHealth, StageState};
+pub use attitude::{ImuAttitude, attitude_flags};
+pub use health::{Ack, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 pub use layout::{Field, Layout, layout_hash};
 pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};
 pub use pose::{PoseFrame, TrackingState};
+pub use route::{Route, route_flags};
 pub use scan::{FrameHeader, ImuSample, MAX_TIME_OFFSET_NS, Point, ScanHeader, frame_flags, scan_flags};

@@ -11,11 +11,11 @@ pub mod map_flags {
     pub const SNAPSHOT: u32 = 2;
 }
 
-/// Bits of [`Voxel::flags`].
+/// Bits of [`Voxel::flags`]. A voxel without any has been forgotten: it is unknown again.
 pub mod voxel_flags {
     /// A ground point was seen in this voxel.
     pub const GROUND: u16 = 1;
-    /// The voxel carries a log-odds value; without it only the ground flag is news.
+    /// The voxel carries a log-odds value; without it only the ground flag is known.
     pub const KNOWN: u16 = 2;
 }
 
@@ -23,7 +23,7 @@ frame! {
     /// User header of `map/update` and `map/snapshot`; the payload is a slice of [`Voxel`].
     ///
     /// Every scan gives one update, an empty one where it was no key frame, so that consumers see gap-free `seq`.
-    "evac.MapHeader.v1", 120 bytes,
+    "evac.MapHeader.v2", 120 bytes,
     pub struct MapHeader {
         /// Sequence number and times of the scan; of the last scan in the map for a snapshot.
         pub frame: FrameHeader,
@@ -47,8 +47,9 @@ frame! {
         pub outside: u32,
         /// Points rejected for another reason (not finite, beyond the key space).
         pub rejected: u32,
-        /// Always zero.
-        pub reserved: u32,
+        /// Epoch of the mapper that began this map: one that takes over goes on with the map, one that starts anew begins
+        /// another.
+        pub map_epoch: u32,
     }
 }
 

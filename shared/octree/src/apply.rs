@@ -118,6 +118,8 @@ impl OctreeMap {
         self.scan = self.scan.wrapping_add(1);
         self.revision = self.revision.wrapping_add(1);
         self.work.iter_mut().for_each(|work| work.bricks.clear());
+        self.bricks.recycle_states();
+        self.bricks.plan();
         let (bricks, work) = (&mut self.bricks, &mut self.work);
         let mut near = Near::default();
         self.marked.retain_mut(|marked| {
@@ -151,7 +153,10 @@ impl OctreeMap {
                 own.map(run);
             });
         }
-        self.work.iter_mut().zip(stores).for_each(|(work, store)| work.finish(store, marks, stamps, palette));
+        for (work, store) in self.work.iter_mut().zip(stores) {
+            work.finish(store, marks, stamps, palette);
+            store.tidy();
+        }
         let mut sums = Sums::default();
         self.work.iter().for_each(|work| sums += work.sums);
         report.free_voxels = sums.free;

@@ -1,9 +1,9 @@
 //! The bricks of a map: a directory over stores that threads can update apart from each other.
 
+use crate::build::Groups;
 use crate::directory::{Directory, NOWHERE, Near};
-use crate::mask::{self, BRICK_VOXELS, Bits, Mask};
-use crate::morton;
-use crate::palette::{Palette, UNKNOWN};
+use crate::mask::Mask;
+use crate::palette::Palette;
 use crate::store::Store;
 use crate::{Key, SensorModel};
 
@@ -20,8 +20,17 @@ pub(crate) struct Bricks {
     directory: Directory,
     stores: Vec<Store>,
     palette: Palette,
-    max: u32,
+    max_bytes: usize,
+    /// New bricks that there is room for; see [`Self::plan`].
+    room: usize,
 }
+
+/// Bytes that a new brick is expected to come to with time: directory, slot, planes and table. Maps of buildings have 0.1 to
+/// 0.3 kB a brick.
+const EXPECTED_BYTES: usize = 320;
+
+/// Bytes of a brick of which all voxels are equal.
+const UNIFORM_BYTES: usize = 32;
 
 /// The store of a place, and the brick's index there.
 #[inline]
@@ -30,12 +39,13 @@ pub(crate) fn split_place(place: u32) -> (usize, u32) {
 }
 
 impl Bricks {
-    pub(crate) fn new(max: u32, sensor: SensorModel) -> Self {
+    pub(crate) fn new(max_bytes: usize, sensor: SensorModel) -> Self {
         Self {
             directory: Directory::default(),
             stores: vec![Store::default(); SHARDS],
             palette: Palette::new(sensor),
-            max: max.min(NOWHERE >> SHARD_BITS),
+            max_bytes,
+            room: 0,
         }
     }
 
@@ -43,8 +53,27 @@ impl Bricks {
         self.directory.len()
     }
 
-    pub(crate) fn max(&self) -> u32 {
-        self.max
+    pub(crate) fn max_bytes(&self) -> usize {
+        self.max_bytes
+    }
+
+    /// Finds out how many new bricks there is room for. The last eighth of what the map may take is for the bricks that
+    /// are there, which may need more bits.
+    pub(crate) fn plan(&mut self) {
+        self.room =
+            (self.free_for_new() / EXPECTED_BYTES).min(((NOWHERE >> SHARD_BITS) - self.len()) as usize);
+    }
+
+    /// Whether there is room for so many new bricks of equal voxels.
+    pub(crate) fn has_room_for_uniform(&self, bricks: u64) -> bool {
+        bricks <= (self.max_bytes.saturating_sub(self.memory_bytes()) / UNIFORM_BYTES) as u64
+    }
+
+    fn free_for_new(&self) -> usize {
+        let used = self.memory_bytes() - self.free_bytes();
+        // Free places between bricks are an eighth at most before they move together.
+        let taken = (used + used / 8).max(self.len() as usize * EXPECTED_BYTES);
+        (self.max_bytes - self.max_bytes / 8).saturating_sub(taken)
     }
 
     /// Bytes held, the directory included.
@@ -72,17 +101,26 @@ impl Bricks {
         (place != NOWHERE).then_some(place)
     }
 
-    /// The same, with a new brick where there was none; `None` where the ceiling forbids it.
+    /// The same, with a new brick where there was none; `None` where the last [`Self::plan`] left no room.
     #[inline]
     pub(crate) fn find_or_add(&mut self, code: u64, near: &mut Near) -> Option<u32> {
         let place = self.directory.find_near(code, near);
         if place != NOWHERE { Some(place) } else { self.add(code, near) }
     }
 
-    fn add(&mut self, code: u64, near: &mut Near) -> Option<u32> {
-        if self.len() >= self.max {
-            return None;
+    /// The same after a plan of its own.
+    #[inline]
+    pub(crate) fn find_or_add_one(&mut self, code: u64, near: &mut Near) -> Option<u32> {
+        let place = self.directory.find_near(code, near);
+        if place != NOWHERE {
+            return Some(place);
         }
+        self.plan();
+        self.add(code, near)
+    }
+
+    fn add(&mut self, code: u64, near: &mut Near) -> Option<u32> {
+        self.room = self.room.checked_sub(1)?;
         let shard = code as usize % SHARDS;
         let place = self.stores[shard].add() << SHARD_BITS | shard as u32;
         self.directory.insert(code, place);
@@ -112,6 +150,13 @@ impl Bricks {
         (&mut self.stores[shard], index)
     }
 
+    /// Before a scan: gives numbers of values that have gone to new ones, where few are left.
+    pub(crate) fn recycle_states(&mut self) {
+        if self.palette.is_nearly_full() {
+            self.palette.recycle(|used| self.stores.iter().for_each(|store| store.mark_states(used)));
+        }
+    }
+
     /// All stores, for threads, and what their states mean.
     pub(crate) fn stores_mut(&mut self) -> (&mut [Store], &mut Palette) {
         (&mut self.stores, &mut self.palette)
@@ -130,26 +175,29 @@ impl Bricks {
         self.stores[shard].set_revision(index, revision);
     }
 
-    /// Gives a new brick its voxels: the values of those that are known.
-    pub(crate) fn fill(&mut self, place: u32, known: &Mask, values: &[f32; BRICK_VOXELS], revision: u32) {
+    /// Gives a new brick its voxels.
+    pub(crate) fn fill(&mut self, place: u32, groups: &Groups, revision: u32) {
         let (shard, index) = split_place(place);
-        let mut states = [UNKNOWN; BRICK_VOXELS];
-        let mut last = (f32::NAN.to_bits(), UNKNOWN);
-        for voxel in Bits::of(*known) {
-            let value = values[voxel];
-            if value.to_bits() != last.0 {
-                let Some(state) = self.palette.state(value) else {
-                    for voxel in Bits::of(*known) {
-                        self.assign(place, &mask::range(voxel, 1), values[voxel], revision);
-                    }
-                    return;
-                };
-                last = (value.to_bits(), state);
+        if !self.stores[shard].fill(index, groups, &mut self.palette) {
+            for (value, voxels) in groups.iter() {
+                self.stores[shard].assign(index, voxels, value, &mut self.palette);
             }
-            states[voxel] = last.1;
         }
-        self.stores[shard].fill(index, &states);
         self.stores[shard].set_revision(index, revision);
+    }
+
+    /// Forgets value and flag of voxels.
+    pub(crate) fn erase(&mut self, place: u32, mask: &Mask, revision: u32) {
+        let (shard, index) = split_place(place);
+        self.stores[shard].erase(index, mask, &self.palette);
+        self.stores[shard].set_revision(index, revision);
+    }
+
+    /// The words in which occupied voxels may be; see [`Store::occupied_words`].
+    #[inline]
+    pub(crate) fn occupied_words(&self, place: u32) -> u8 {
+        let (store, index) = self.at(place);
+        store.occupied_words(index)
     }
 
     /// Log-odds of a brick's voxel; `None` where it is unknown.
@@ -171,35 +219,24 @@ impl Bricks {
         store.ground(index)
     }
 
-    /// Calls `visit` with code and place of every brick that overlaps a box of keys, both inclusive: by the box where it is
-    /// small, by the map where that is.
-    pub(crate) fn for_each_in(&self, min: Key, max: Key, mut visit: impl FnMut(u64, u32)) {
-        let (low, high) = (min.map(|axis| axis >> 3), max.map(|axis| axis >> 3));
-        let spans = [0, 1, 2].map(|axis| u64::from(high[axis].saturating_sub(low[axis])) + 1);
-        if spans.iter().product::<u64>() <= 4 * u64::from(self.len()) {
-            let mut near = Near::default();
-            for z in low[2]..=high[2] {
-                for y in low[1]..=high[1] {
-                    for x in low[0]..=high[0] {
-                        let code = morton::encode([x, y, z]);
-                        if let Some(place) = self.find_near(code, &mut near) {
-                            visit(code, place);
-                        }
-                    }
-                }
-            }
-            return;
-        }
-        self.directory.for_each(|code, place| {
-            let brick = morton::decode(code);
-            if (0..3).all(|axis| (low[axis]..=high[axis]).contains(&brick[axis])) {
-                visit(code, place);
-            }
-        });
+    /// Calls `visit` with code and place of every brick that overlaps a box of keys, both inclusive.
+    #[inline]
+    pub(crate) fn for_each_in(&self, min: Key, max: Key, visit: impl FnMut(u64, u32)) {
+        self.directory.for_each_in(min.map(|axis| axis >> 3), max.map(|axis| axis >> 3), visit);
     }
 
     /// Codes and places of all bricks in Morton order.
     pub(crate) fn sorted(&self) -> Vec<(u64, u32)> {
         self.directory.sorted()
+    }
+
+    /// The same of those in which a voxel is known.
+    pub(crate) fn sorted_known(&self) -> Vec<(u64, u32)> {
+        let mut sorted = self.sorted();
+        sorted.retain(|&(_, place)| {
+            let (store, index) = self.at(place);
+            store.is_known(index)
+        });
+        sorted
     }
 }

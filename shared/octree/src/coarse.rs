@@ -21,8 +21,8 @@ pub(crate) struct CoarseCaster {
 }
 
 impl CoarseCaster {
-    pub(crate) fn new(max_bricks: u32) -> Self {
-        Self { marks: ScanMarks::new(max_bricks), rays: Vec::new() }
+    pub(crate) fn new(max_bytes: usize) -> Self {
+        Self { marks: ScanMarks::new(max_bytes), rays: Vec::new() }
     }
 
     /// Marks the blocks that rays pass, one ray to the centre of each block in which rays end; a block in which a hit was

@@ -6,7 +6,7 @@ use crate::palette::Palette;
 use crate::units::Unit;
 
 /// Bit 0 of each byte.
-const LOWEST: u64 = 0x0101_0101_0101_0101;
+pub(crate) const LOWEST: u64 = 0x0101_0101_0101_0101;
 
 /// Room for the voxels of one brick. In Morton order a word of a mask is a block of 4 x 4 x 4 voxels, a node of depth 14,
 /// and a byte one of 2 x 2 x 2, a node of depth 15.
@@ -29,24 +29,13 @@ impl Default for Decoded {
 
 impl Decoded {
     /// Decodes bit planes with their table of states.
-    pub(crate) fn planes(
-        &mut self,
-        planes: &[Unit],
-        table: &[Unit],
-        entries: usize,
-        within: &Mask,
-        palette: &Palette,
-    ) {
+    pub(crate) fn planes(&mut self, planes: &[Unit], table: &[Unit], entries: usize, palette: &Palette) {
         let mut by_number = [0.0; 128];
         for (number, value) in by_number[..entries].iter_mut().enumerate() {
             *value = palette.value(state_of(table, number as u16));
         }
         self.words = 0;
         for word in 0..WORDS {
-            if within[word] == 0 {
-                (self.known[word], self.blocks[word]) = (0, 0);
-                continue;
-            }
             let (mut known, mut differ, mut uniform) = (0, 0, true);
             for plane in planes {
                 let bits = plane[word];
@@ -67,7 +56,7 @@ impl Decoded {
             }
             for block in 0..8 {
                 let shift = 8 * block;
-                if known >> shift & 0xff == 0 || within[word] >> shift & 0xff == 0 {
+                if known >> shift & 0xff == 0 {
                     continue;
                 }
                 let at = word * 64 + shift;
@@ -162,7 +151,7 @@ impl Decoded {
 
 /// Bit 0 of each byte in which a bit is set.
 #[inline]
-fn any_bit(word: u64) -> u64 {
+pub(crate) fn any_bit(word: u64) -> u64 {
     let word = word | word >> 4;
     let word = word & 0x0f0f_0f0f_0f0f_0f0f;
     let word = word | word >> 2;

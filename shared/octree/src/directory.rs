@@ -2,6 +2,8 @@
 
 use rustc_hash::FxHashMap;
 
+use crate::morton;
+
 /// Bricks of a tile.
 const TILE: usize = 512;
 
@@ -35,6 +37,13 @@ pub(crate) struct Near {
 impl Default for Near {
     fn default() -> Self {
         Self { tile: u64::MAX, number: NOWHERE }
+    }
+}
+
+impl Near {
+    /// Whether the last look-up found a tile, if not the brick in it.
+    pub(crate) fn is_tile(&self) -> bool {
+        self.number != NOWHERE
     }
 }
 
@@ -104,12 +113,59 @@ impl Directory {
         all
     }
 
-    /// Calls `visit` with code and place of every brick, in no order.
-    pub(crate) fn for_each(&self, mut visit: impl FnMut(u64, u32)) {
-        for (&tile, &number) in &self.numbers {
-            for (n, &place) in self.tiles[number as usize].iter().enumerate() {
-                if place != NOWHERE {
-                    visit(tile << 9 | n as u64, place);
+    /// Calls `visit` with code and place of every brick in a box of brick coordinates, both inclusive: by the tiles of the
+    /// box where it has few, by all tiles where the map has fewer.
+    #[inline]
+    pub(crate) fn for_each_in(&self, low: [u16; 3], high: [u16; 3], mut visit: impl FnMut(u64, u32)) {
+        let (first, last) = (low.map(|axis| axis >> 3), high.map(|axis| axis >> 3));
+        let tiles = (0..3).map(|axis| u64::from(last[axis].saturating_sub(first[axis])) + 1).product::<u64>();
+        if tiles > 4 * self.numbers.len() as u64 {
+            for (&tile, &number) in &self.numbers {
+                let at = morton::decode(tile);
+                if (0..3).all(|axis| (first[axis]..=last[axis]).contains(&at[axis])) {
+                    self.for_each_of_tile(tile, number, low, high, &mut visit);
+                }
+            }
+            return;
+        }
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                for x in first[0]..=last[0] {
+                    let tile = morton::encode([x, y, z]);
+                    if let Some(&number) = self.numbers.get(&tile) {
+                        self.for_each_of_tile(tile, number, low, high, &mut visit);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The same within one tile.
+    #[inline]
+    fn for_each_of_tile(
+        &self,
+        tile: u64,
+        number: u32,
+        low: [u16; 3],
+        high: [u16; 3],
+        visit: &mut impl FnMut(u64, u32),
+    ) {
+        let corner = morton::decode(tile << 9);
+        let span = |axis: usize| {
+            let from = low[axis].saturating_sub(corner[axis]).min(8);
+            from..=(high[axis] - corner[axis]).min(7)
+        };
+        let places = &self.tiles[number as usize];
+        for z in span(2) {
+            let z = morton::within([0, 0, z]);
+            for y in span(1) {
+                let yz = morton::within([0, y, 0]) | z;
+                for x in span(0) {
+                    let brick = morton::within([x, 0, 0]) | yz;
+                    let place = places[brick];
+                    if place != NOWHERE {
+                        visit(tile << 9 | brick as u64, place);
+                    }
                 }
             }
         }

@@ -1,5 +1,9 @@
 //! What the map refuses.
 
+use std::path::PathBuf;
+
+use evac_formats::FormatError;
+
 use crate::SensorModel;
 
 /// Why a map cannot be made.
@@ -23,9 +27,12 @@ pub enum MapError {
         "{0:?} is no sensor model; give finite log-odds, miss and clamp_min below zero, hit and clamp_max above"
     )]
     Sensor(SensorModel),
-    /// The ceiling on bricks allows no voxel at all.
-    #[error("max_bricks is 0; allow at least one brick (0.1 to 1 kB each)")]
-    NoBricks,
+    /// The ceiling leaves no room for a map.
+    #[error("max_bytes is {max_bytes}; give at least 65536, and 320 bytes for each brick of 8x8x8 voxels")]
+    Ceiling {
+        /// The ceiling.
+        max_bytes: usize,
+    },
     /// The other map has voxels of another size.
     #[error("the maps have voxels of {ours} m and {theirs} m; only maps of one resolution can be merged")]
     OtherResolution {
@@ -36,11 +43,11 @@ pub enum MapError {
     },
     /// A tree needs more memory than the map may use.
     #[error(
-        "the tree needs more than {max_bricks} bricks of 8x8x8 voxels; raise max_bricks (0.1 to 1 kB each)"
+        "the tree needs more than {max_bytes} bytes; raise max_bytes (320 for each brick of 8x8x8 voxels)"
     )]
     TooLarge {
         /// The ceiling.
-        max_bricks: u32,
+        max_bytes: usize,
     },
 }
 
@@ -54,6 +61,22 @@ pub enum Rejected {
     #[error("beyond the key space of 65536 voxels a side")]
     OutsideKeySpace,
     /// A new brick would exceed the map's ceiling.
-    #[error("the map holds as many bricks as it may")]
+    #[error("the map takes as many bytes as it may")]
     Full,
+}
+
+/// Why a map was not read from a file.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The bytes are no OctoMap file.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// No map can be made of what they say.
+    #[error("{}: {cause}", path.display())]
+    Map {
+        /// The file.
+        path: PathBuf,
+        /// What is in the way.
+        cause: MapError,
+    },
 }

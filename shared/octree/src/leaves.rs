@@ -2,7 +2,6 @@
 
 use crate::bricks::Bricks;
 use crate::decoded::Decoded;
-use crate::mask::Mask;
 use crate::morton::{self, BRICK_BITS};
 use crate::{Key, OctreeMap};
 
@@ -79,35 +78,18 @@ impl OctreeMap {
         if (0..3).any(|axis| min[axis] > max[axis]) {
             return;
         }
-        // Many boxes hold no brick that has to be decoded.
-        let mut decoded = None;
         self.bricks.for_each_in(min, max, |code, place| {
             let corner = morton::decode(code << BRICK_BITS);
-            let inside = crate::mask::inside(corner, min, max);
-            if let Some(value) = self.bricks.uniform(place) {
-                visit(Leaf::new(code << BRICK_BITS, BRICK, value));
+            let (store, index) = self.bricks.at(place);
+            if let Some(log_odds) = store.uniform(index, self.bricks.palette()) {
+                visit(Leaf { key: corner, depth: BRICK as u8, log_odds });
                 return;
             }
-            let decoded = decoded.get_or_insert_with(Decoded::default);
-            self.bricks.decode_within(place, &inside, decoded);
-            let words = decoded.words;
-            for word in 0..8 {
-                let inside = inside[word];
-                if inside == 0 {
-                    decoded.known[word] = 0;
-                    decoded.words &= !(1 << word);
-                } else if words >> word & 1 == 0 {
-                    // Voxels outside are not told, but a block of eight that reaches in is.
-                    let blocks = decoded.blocks[word].wrapping_mul(0xff);
-                    let touched = (0..8).fold(0, |all, block| {
-                        let byte = 0xff << (8 * block);
-                        all | if inside & byte != 0 { byte } else { 0 }
-                    });
-                    decoded.known[word] &= inside | blocks & touched;
-                    decoded.blocks[word] &= touched;
-                }
-            }
-            brick_leaves(code, decoded, FINEST, &mut visit);
+            let inside = crate::mask::inside(corner, min, max);
+            store.for_each_leaf_within(index, self.bricks.palette(), &inside, |voxel, depth, log_odds| {
+                let [x, y, z] = WITHIN[voxel];
+                visit(Leaf { key: [corner[0] | x, corner[1] | y, corner[2] | z], depth, log_odds });
+            });
         });
     }
 
@@ -197,13 +179,8 @@ static WITHIN: [Key; 512] = {
 impl Bricks {
     /// The voxels of a brick.
     pub(crate) fn decode(&self, place: u32, decoded: &mut Decoded) {
-        self.decode_within(place, &[u64::MAX; 8], decoded);
-    }
-
-    /// The same, where only the blocks of eight that `within` reaches matter.
-    fn decode_within(&self, place: u32, within: &Mask, decoded: &mut Decoded) {
         let (store, index) = self.at(place);
-        store.decode(index, self.palette(), within, decoded);
+        store.decode(index, self.palette(), decoded);
     }
 
     /// Greatest log-odds in a brick; minus infinity where nothing is known.

@@ -32,15 +32,19 @@
 //! is an addition; see [`SensorModel`].
 
 mod apply;
+mod binary;
 mod bricks;
+mod build;
 mod cast;
 mod changes;
 mod coarse;
+mod count;
 mod decoded;
 mod directory;
 mod error;
 mod forget;
 mod key;
+mod lanes;
 mod leaves;
 mod map;
 mod marks;
@@ -51,10 +55,12 @@ mod numbers;
 mod palette;
 mod planes;
 mod rays;
+mod read;
 mod region;
 mod scan;
 mod sensor;
 mod since;
+mod skip;
 mod store;
 mod trace;
 mod tree;
@@ -64,7 +70,7 @@ mod window;
 
 pub use cast::RayCast;
 pub use changes::Changes;
-pub use error::{MapError, Rejected};
+pub use error::{MapError, ReadError, Rejected};
 pub use evac_formats::octomap::OcTreeFile;
 pub use key::{Key, KeySpace};
 pub use leaves::Leaf;

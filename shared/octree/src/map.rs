@@ -19,22 +19,27 @@ pub struct MapConfig {
     pub resolution: f64,
     /// How rays change voxels.
     pub sensor: SensorModel,
-    /// Most bricks of 8 x 8 x 8 voxels that the map may hold (40 bytes to 1 kB each, by how
-    /// many different values are in it; 2.1 kB as the last resort where a map has more than 65,535 values); further ones are
-    /// refused and counted in [`crate::ScanReport::refused_bricks`], those first in Morton order stay.
-    /// A single scan may touch as many, and at least 65,536 (0.2 kB each, kept for the next scan).
-    pub max_bricks: u32,
+    /// Bytes that the map may take ([`OctreeMap::memory_bytes`]). From seven eighths on no new place is taken in: its bricks
+    /// of 8 x 8 x 8 voxels are refused and counted in [`crate::ScanReport::refused_bricks`], those first in Morton order
+    /// stay. What is in the map keeps its voxels and every update of them; the last eighth is for the bits that
+    /// this needs, since a brick takes 32 bytes where all its voxels are equal, up to 1 kB where many different values
+    /// are in it, and 2 kB where a map has more than 65,535 values at a time.
+    /// [`OctreeMap::scratch_bytes`] is apart, in proportion to the largest scan.
+    pub max_bytes: usize,
     /// Threads that insert a scan, the calling one included; 0 counts as 1, more than 8 as 8. The map is the same with any
     /// number. Starting them costs some 50 microseconds a scan and allocates.
     pub threads: u32,
 }
 
 impl MapConfig {
-    /// OctoMap's sensor model and a ceiling of 1,000,000 bricks (0.3 GB of a building's map, 2.1 GB at worst).
+    /// OctoMap's sensor model and a ceiling of 512 MiB: some 1.4 million bricks, 700,000 cubic metres at 0.1 m.
     pub fn new(resolution: f64) -> Self {
-        Self { resolution, sensor: SensorModel::default(), max_bricks: 1_000_000, threads: 1 }
+        Self { resolution, sensor: SensorModel::default(), max_bytes: 512 << 20, threads: 1 }
     }
 }
+
+/// Least ceiling: an empty map's palette and a few pages.
+const LEAST_BYTES: usize = 64 << 10;
 
 /// A sparse voxel map with OctoMap's semantics.
 #[derive(Debug)]
@@ -72,26 +77,26 @@ impl OctreeMap {
     /// An empty map.
     ///
     /// # Errors
-    /// [`MapError`] where the resolution is no length, the sensor model none, or no brick is allowed.
+    /// [`MapError`] where the resolution is no length, the sensor model none, or the ceiling is below 64 KiB.
     pub fn new(config: MapConfig) -> Result<Self, MapError> {
-        let MapConfig { resolution, sensor, max_bricks, threads } = config;
+        let MapConfig { resolution, sensor, max_bytes, threads } = config;
         let threads = (threads as usize).clamp(1, SHARDS);
         let space = KeySpace::new(resolution).ok_or(MapError::Resolution(resolution))?;
         if !sensor.is_valid() {
             return Err(MapError::Sensor(sensor));
         }
-        if max_bricks == 0 {
-            return Err(MapError::NoBricks);
+        if max_bytes < LEAST_BYTES {
+            return Err(MapError::Ceiling { max_bytes });
         }
         Ok(Self {
             space,
             sensor,
-            bricks: Bricks::new(max_bricks, sensor),
-            marks: ScanMarks::new(max_bricks),
+            bricks: Bricks::new(max_bytes, sensor),
+            marks: ScanMarks::new(max_bytes),
             rays: Vec::new(),
             caster: Caster::default(),
             coarse: None,
-            helpers: (1..threads).map(|_| Helper::new(max_bricks)).collect(),
+            helpers: (1..threads).map(|_| Helper::new(max_bytes)).collect(),
             threads,
             marked: Vec::new(),
             work: (0..SHARDS).map(|_| StoreWork::default()).collect(),
@@ -124,7 +129,7 @@ impl OctreeMap {
         self.bricks.len()
     }
 
-    /// Bytes that the voxels and their directory take, untouched pages included; not the scratch of a scan.
+    /// Bytes that the voxels and their directory take, free ones among them included; not the scratch of a scan.
     pub fn memory_bytes(&self) -> usize {
         self.bricks.memory_bytes()
     }
@@ -197,11 +202,15 @@ impl OctreeMap {
         Ok(())
     }
 
-    /// Takes over a voxel of another map's [`OctreeMap::changes`] or [`OctreeMap::voxels`].
+    /// Takes over a voxel of another map's [`OctreeMap::changes`] or [`OctreeMap::voxels`]; one without any flag is gone, see
+    /// [`OctreeMap::forget_unseen_with`].
     ///
     /// # Errors
     /// [`Rejected`]; the map is unchanged.
     pub fn apply(&mut self, voxel: &Voxel) -> Result<(), Rejected> {
+        if voxel.flags == 0 {
+            self.delete_box(voxel.key, voxel.key);
+        }
         if voxel.flags & voxel_flags::KNOWN != 0 {
             self.set_voxel(voxel.key, voxel.log_odds)?;
         }
@@ -242,7 +251,7 @@ impl OctreeMap {
 
     fn find_or_add(&mut self, key: Key) -> Result<(u32, usize), Rejected> {
         let (brick, voxel) = split(key);
-        let place = self.bricks.find_or_add(brick, &mut Near::default()).ok_or(Rejected::Full)?;
+        let place = self.bricks.find_or_add_one(brick, &mut Near::default()).ok_or(Rejected::Full)?;
         Ok((place, voxel))
     }
 }

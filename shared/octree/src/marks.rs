@@ -65,8 +65,8 @@ pub(crate) struct ScanMarks {
 }
 
 impl ScanMarks {
-    /// Marks for a map of at most `max` bricks: a scan may touch as many, and in a small map 65,536.
-    pub(crate) fn new(max: u32) -> Self {
+    /// Marks for a map of at most so many bytes: those of one scan may take as many, and in a small map 8 MiB.
+    pub(crate) fn new(max_bytes: usize) -> Self {
         let waste = Info { number: u64::MAX, ends: NONE, entry: 0 };
         Self {
             window: Window::default(),
@@ -77,7 +77,7 @@ impl ScanMarks {
             used: 2,
             ends: vec![Ends::default()],
             used_ends: 1,
-            max: max.max(1 << 16) as usize,
+            max: (max_bytes / 128).clamp(1 << 16, 1 << 28),
             refused: 0,
         }
     }
@@ -115,31 +115,43 @@ impl ScanMarks {
         self.free[slot as usize][(code >> 6) as usize % WORDS] |= 1 << (code % 64);
     }
 
-    /// Rays pass through the voxels.
-    #[inline]
-    pub(crate) fn mark_all_free(&mut self, mut codes: &[u64]) {
-        while !codes.is_empty() {
-            let done = if self.dense { self.mark_present(codes) } else { 0 };
-            codes = &codes[done..];
-            if let Some((&first, rest)) = codes.split_first() {
-                self.mark_free(first);
-                codes = rest;
+    /// Rays pass through the voxels. Neighbours in the list are often in one word, and writing it again and again would
+    /// wait for itself; so the list is gone through at four places at once.
+    pub(crate) fn mark_all_free(&mut self, codes: &[u64]) {
+        let quarter = codes.len() / 4;
+        let (a, rest) = codes.split_at(quarter);
+        let (b, rest) = rest.split_at(quarter);
+        let (c, rest) = rest.split_at(quarter);
+        let (d, rest) = rest.split_at(quarter);
+        let mut done = 0;
+        while done < quarter {
+            done += self.mark_present([&a[done..], &b[done..], &c[done..], &d[done..]]);
+            if done < quarter {
+                [a, b, c, d].iter().for_each(|codes| self.mark_free(codes[done]));
+                done += 1;
             }
         }
+        rest.iter().for_each(|&code| self.mark_free(code));
     }
 
-    /// Marks voxels up to the first whose brick has no slot yet; gives their number.
+    /// Marks voxels of four lists up to the first whose brick has no slot yet; gives how many of each.
     #[inline]
-    fn mark_present(&mut self, codes: &[u64]) -> usize {
+    fn mark_present(&mut self, [a, b, c, d]: [&[u64]; 4]) -> usize {
+        if !self.dense {
+            return 0;
+        }
         let (table, free) = (&self.table[..], self.free.as_flattened_mut());
-        for (n, &code) in codes.iter().enumerate() {
-            let slot = table[(code >> BRICK_BITS) as usize];
-            if slot == NONE {
+        for (n, (((&a, &b), &c), &d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
+            let codes = [a, b, c, d];
+            let slots = codes.map(|code| table[(code >> BRICK_BITS) as usize]);
+            if slots.contains(&NONE) {
                 return n;
             }
-            free[slot as usize * WORDS + (code >> 6) as usize % WORDS] |= 1 << (code % 64);
+            for (slot, code) in slots.into_iter().zip(codes) {
+                free[slot as usize * WORDS + (code >> 6) as usize % WORDS] |= 1 << (code % 64);
+            }
         }
-        codes.len()
+        a.len()
     }
 
     /// All rays pass through the block of 4 x 4 x 4 voxels, unless one ends in it.

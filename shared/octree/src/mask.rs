@@ -47,48 +47,54 @@ pub(crate) fn range(start: usize, length: usize) -> Mask {
     })
 }
 
-/// The voxels of a brick (by its lowest key) that lie in a box of keys, both inclusive.
-pub(crate) fn inside(corner: Key, min: Key, max: Key) -> Mask {
-    let mut all = [u64::MAX; WORDS];
-    for axis in 0..3 {
-        let low = usize::from(min[axis].saturating_sub(corner[axis]).min(8));
-        let high = (i32::from(max[axis]) - i32::from(corner[axis]) + 1).clamp(0, 8) as usize;
-        let mut slab = [0; WORDS];
-        for layer in low..high {
-            for (word, bits) in slab.iter_mut().enumerate() {
-                // Bit 2 of the coordinate chooses the word, the other two the voxel in it.
-                if word >> axis & 1 == layer >> 2 {
-                    *bits |= LAYERS[axis][layer & 3];
-                }
-            }
-        }
-        for (word, slab) in all.iter_mut().zip(slab) {
-            *word &= slab;
-        }
-    }
-    all
+/// A mask with these bits in one word.
+pub(crate) fn word(word: usize, bits: u64) -> Mask {
+    std::array::from_fn(|n| if n == word { bits } else { 0 })
 }
 
-/// By axis and coordinate within a block of 4 x 4 x 4: its 16 voxels of the block's 64.
-const LAYERS: [[u64; 4]; 3] = {
-    let mut layers = [[0; 4]; 3];
+/// The voxels of a brick (by its lowest key) that lie in a box of keys, both inclusive.
+#[inline]
+pub(crate) fn inside(corner: Key, min: Key, max: Key) -> Mask {
+    // By axis: the voxels of a word in the lower and in the upper half of the brick.
+    let halves: [[u64; 2]; 3] = std::array::from_fn(|axis| {
+        let low = usize::from(min[axis].saturating_sub(corner[axis]).min(8));
+        let high = (i32::from(max[axis]) - i32::from(corner[axis]) + 1).clamp(0, 8) as usize;
+        let below = &BELOW[axis];
+        [below[high.min(4)] & !below[low.min(4)], below[high.max(4) - 4] & !below[low.max(4) - 4]]
+    });
+    let [x, y, z] = halves;
+    std::array::from_fn(|word| x[word & 1] & y[word >> 1 & 1] & z[word >> 2])
+}
+
+/// By axis and coordinate within a block of 4 x 4 x 4: those of its 64 voxels that are below the coordinate.
+const BELOW: [[u64; 5]; 3] = {
+    let mut below = [[0; 5]; 3];
     let mut voxel = 0;
     while voxel < 64 {
         let mut axis = 0;
         while axis < 3 {
-            let coordinate = (voxel >> axis & 1) | (voxel >> (3 + axis) & 1) << 1;
-            layers[axis][coordinate] |= 1 << voxel;
+            let mut above = ((voxel >> axis & 1) | (voxel >> (3 + axis) & 1) << 1) + 1;
+            while above < 5 {
+                below[axis][above] |= 1 << voxel;
+                above += 1;
+            }
             axis += 1;
         }
         voxel += 1;
     }
-    layers
+    below
 };
 
 /// Number of set bits.
 #[inline]
 pub(crate) fn count(mask: &Mask) -> usize {
     mask.iter().map(|word| word.count_ones() as usize).sum()
+}
+
+/// Bit n: a bit of word n is set.
+#[inline]
+pub(crate) fn words(mask: &Mask) -> u8 {
+    mask.iter().enumerate().fold(0, |words, (n, word)| words | u8::from(*word != 0) << n)
 }
 
 /// Whether no bit is set.

@@ -33,7 +33,7 @@ impl OctreeMap {
         let (mut near, mut theirs, mut ours) = (Near::default(), Decoded::default(), Decoded::default());
         let mut groups = Vec::new();
         for (code, from) in other.bricks.sorted() {
-            let Some(place) = self.bricks.find_or_add(code, &mut near) else {
+            let Some(place) = self.bricks.find_or_add_one(code, &mut near) else {
                 report.refused_bricks += 1;
                 continue;
             };

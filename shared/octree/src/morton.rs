@@ -14,6 +14,14 @@ pub(crate) fn encode([x, y, z]: Key) -> u64 {
     spread(x) | spread(y) << 1 | spread(z) << 2
 }
 
+/// The low 9 bits of a code, by the low 3 bits of each axis.
+#[inline]
+pub(crate) fn within(key: Key) -> usize {
+    const SPREAD: [u16; 8] = [0, 1, 8, 9, 64, 65, 72, 73];
+    let [x, y, z] = key.map(|axis| SPREAD[usize::from(axis & 7)]);
+    usize::from(x | y << 1 | z << 2)
+}
+
 /// The voxel of a code.
 pub(crate) fn decode(code: u64) -> Key {
     [gather(code), gather(code >> 1), gather(code >> 2)]

@@ -29,12 +29,36 @@ pub(crate) struct Palette {
     next: Vec<[State; 2]>,
     /// States by the hash of their value: open addressing, a power of two long, at most half full.
     table: Vec<State>,
+    /// States whose value occurs nowhere.
+    free: Vec<State>,
+    /// Kept for the next [`Self::recycle`]: which states occur.
+    used: Vec<bool>,
 }
+
+/// Most numbers.
+const NUMBERS: usize = 1 << 16;
+
+/// Numbers that the values of one scan may need.
+const SCAN: usize = 128;
+
+/// Numbers that a map begins with.
+const FIRST: usize = 512;
+
+/// States that have their number for ever.
+const FIXED: usize = 4;
 
 impl Palette {
     pub(crate) fn new(sensor: SensorModel) -> Self {
-        let mut palette =
-            Self { sensor, values: vec![0.0], next: vec![[UNKNOWN; 2]], table: vec![UNKNOWN; 64] };
+        let mut palette = Self {
+            sensor,
+            values: Vec::with_capacity(FIRST),
+            next: Vec::with_capacity(FIRST),
+            table: vec![UNKNOWN; 2 * FIRST],
+            free: Vec::with_capacity(FIRST),
+            used: Vec::with_capacity(FIRST),
+        };
+        palette.values.push(0.0);
+        palette.next.push([UNKNOWN; 2]);
         // Seen once, hit once and surely free fit into two bits.
         for update in [Update::Miss, Update::Hit] {
             palette.compute(UNKNOWN, update);
@@ -58,6 +82,11 @@ impl Palette {
                 state if self.value(state).to_bits() == value.to_bits() => return Some(state),
                 _ => entry = (entry + 1) & (self.table.len() - 1),
             }
+        }
+        if let Some(state) = self.free.pop() {
+            self.values[usize::from(state)] = value;
+            self.table[entry] = state;
+            return Some(state);
         }
         let state = State::try_from(self.values.len()).ok()?;
         self.values.push(value);
@@ -83,6 +112,19 @@ impl Palette {
         }
     }
 
+    /// Whether a voxel of this value is occupied.
+    #[inline]
+    pub(crate) fn occupies(&self, value: f32) -> bool {
+        self.sensor.is_occupied(value)
+    }
+
+    /// Whether a voxel that was not occupied may be after a ray has passed it: an unknown one of a model that takes what
+    /// is below a half for occupied.
+    #[inline]
+    pub(crate) fn a_miss_may_occupy(&self) -> bool {
+        self.occupies(self.sensor.missed(0.0))
+    }
+
     /// Computes what follows a state; `false` where its value has no number any more.
     #[cold]
     pub(crate) fn compute(&mut self, state: State, update: Update) -> bool {
@@ -91,14 +133,58 @@ impl Palette {
         true
     }
 
+    /// Whether there may be too few numbers for another scan.
+    #[inline]
+    pub(crate) fn is_nearly_full(&self) -> bool {
+        self.values.capacity().min(NUMBERS) - self.values.len() + self.free.len() < SCAN
+    }
+
+    /// Takes their numbers from the values that occur nowhere: `mark` notes those that do, by state. Where that gives
+    /// little, there is room for twice as many from now on.
+    pub(crate) fn recycle(&mut self, mark: impl FnOnce(&mut [bool])) {
+        let mut used = std::mem::take(&mut self.used);
+        used.clear();
+        used.resize(self.values.len(), false);
+        used[..FIXED.min(self.values.len())].fill(true);
+        mark(&mut used);
+        self.free.clear();
+        self.free.extend((0..used.len()).rev().filter(|&state| !used[state]).map(|state| state as State));
+        for (state, next) in self.next.iter_mut().enumerate() {
+            for next in next {
+                if !used[state] || !used[usize::from(*next)] {
+                    *next = UNKNOWN;
+                }
+            }
+        }
+        let numbers = self.values.capacity();
+        if self.free.len() < numbers / 4 && numbers < NUMBERS {
+            let more = 2 * numbers - self.values.len();
+            self.values.reserve_exact(more);
+            self.next.reserve_exact(more);
+            self.free.reserve_exact(2 * numbers - self.free.len());
+            used.reserve_exact(more);
+        }
+        self.fill_table((2 * self.values.capacity()).next_power_of_two(), &used);
+        self.used = used;
+    }
+
     /// Bytes held.
     pub(crate) fn memory_bytes(&self) -> usize {
-        self.values.capacity() * 4 + self.next.capacity() * 4 + self.table.capacity() * 2
+        self.values.capacity() * 4
+            + self.next.capacity() * 4
+            + (self.table.capacity() + self.free.capacity()) * 2
+            + self.used.capacity()
     }
 
     fn grow(&mut self) {
-        self.table = vec![UNKNOWN; self.table.len() * 2];
-        for state in 1..self.values.len() {
+        // Numbers are free only after recycling, and then used before others are added.
+        self.fill_table(self.table.len() * 2, &vec![true; self.values.len()]);
+    }
+
+    fn fill_table(&mut self, length: usize, used: &[bool]) {
+        self.table.clear();
+        self.table.resize(length, UNKNOWN);
+        for state in (1..self.values.len()).filter(|&state| used[state]) {
             let mut entry = self.home(self.values[state]);
             while self.table[entry] != UNKNOWN {
                 entry = (entry + 1) & (self.table.len() - 1);
@@ -150,5 +236,26 @@ mod tests {
         let last = palette.state(1.0).unwrap();
         assert!(!palette.compute(last, Update::Miss));
         assert_eq!(palette.next(last, Update::Miss), UNKNOWN);
+    }
+
+    #[test]
+    fn numbers_of_values_that_occur_nowhere_are_given_anew() {
+        let mut palette = Palette::new(SensorModel::default());
+        let first: Vec<State> = (0..300).map(|n| palette.state(n as f32 * 0.01 + 0.005).unwrap()).collect();
+        assert!(palette.compute(first[0], Update::Hit) && palette.compute(first[7], Update::Miss));
+        let kept = first[7];
+        palette.recycle(|used| used[usize::from(kept)] = true);
+        assert_eq!(palette.next(first[7], Update::Miss), UNKNOWN, "its successor has gone");
+        let held = palette.memory_bytes();
+        for round in 0..50 {
+            let states: Vec<State> =
+                (0..200).map(|n| palette.state(-1.5 - (round * 200 + n) as f32 * 1e-4).unwrap()).collect();
+            assert!(!states.contains(&kept) && states.iter().all(|state| usize::from(*state) >= FIXED));
+            for (n, &state) in states.iter().enumerate() {
+                assert_eq!(palette.state(palette.value(state)), Some(state), "{n}");
+            }
+            palette.recycle(|used| used[usize::from(kept)] = true);
+        }
+        assert_eq!((palette.value(kept), palette.memory_bytes()), (0.075, held));
     }
 }

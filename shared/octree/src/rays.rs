@@ -1,20 +1,18 @@
 //! Many rays from one origin into the marks of a scan, many side by side.
 //!
-//! A ray's walk is a chain of dependent additions and comparisons; four of them at once keep the processor busy, and the
-//! compiler puts them into vector registers. What makes this possible is that a walk that OctoMap would end in the
+//! A ray's walk is a chain of dependent additions and comparisons; sixteen of them at once ([`crate::lanes`]) keep the
+//! processor busy. What makes this possible is that a walk that OctoMap would end in the
 //! voxel of its end point takes exactly as many steps as the keys differ by in sum. So the number of steps is known
 //! before, no step has to ask whether it is the last, and afterwards it is checked that the walk has arrived. The rare
 //! ray that rounding has carried past its end is walked again, voxel by voxel, with OctoMap's own rule for stopping.
 
+use crate::lanes::{self, LANES, Lanes};
 use crate::marks::{NONE, ScanMarks};
 use crate::mask::Mask;
 use crate::morton;
-use crate::trace::{direction_and_length, trace};
+use crate::trace::trace;
 use crate::window::Window;
 use crate::{Key, KeySpace};
-
-/// Rays side by side.
-const LANES: usize = 8;
 
 /// Rays that are sorted by length together: neighbours in the scan, so that they mark the same bricks.
 const BATCH: usize = 256;
@@ -60,16 +58,16 @@ struct Buffers {
 /// What all rays of a scan share.
 #[derive(Debug)]
 pub(crate) struct Origin {
-    space: KeySpace,
-    point: [f32; 3],
+    pub(crate) space: KeySpace,
+    pub(crate) point: [f32; 3],
     key: Key,
     window: Window,
-    codes: [u64; 3],
-    masks: [u64; 3],
+    pub(crate) codes: [u64; 3],
+    pub(crate) masks: [u64; 3],
     /// By axis: what a step back, and forward, adds to the code.
-    steps: [[u64; 2]; 3],
+    pub(crate) steps: [[u64; 2]; 3],
     /// By axis: distance from the origin to the voxel's border behind, and ahead.
-    borders: [[f64; 2]; 3],
+    pub(crate) borders: [[f64; 2]; 3],
 }
 
 impl Default for Caster {
@@ -127,8 +125,8 @@ pub(crate) struct Helper {
 }
 
 impl Helper {
-    pub(crate) fn new(max_bricks: u32) -> Self {
-        Self { caster: Caster::default(), marks: ScanMarks::new(max_bricks), slots: Vec::new() }
+    pub(crate) fn new(max_bytes: usize) -> Self {
+        Self { caster: Caster::default(), marks: ScanMarks::new(max_bytes), slots: Vec::new() }
     }
 
     pub(crate) fn cast(&mut self, from: &Origin, rays: &[Ray]) {
@@ -162,47 +160,6 @@ impl Helper {
     }
 }
 
-/// The state of walks side by side, by axis and lane.
-struct Lanes {
-    /// Path lengths, metres, at which each ray next crosses a border of the axis.
-    crossing: [[f64; LANES]; 3],
-    /// Path length between two borders of the axis, metres.
-    spacing: [[f64; LANES]; 3],
-    /// The axis' bits of the code of the voxel where the walk is.
-    code: [[u64; LANES]; 3],
-    /// What a step along the axis adds to them.
-    step: [[u64; LANES]; 3],
-}
-
-impl Lanes {
-    /// Each walk goes to its next voxel: along x where its border is first, y where it is before z, z among equals, as
-    /// OctoMap decides. Selections are masks, since the choice is as good as random.
-    #[inline(always)]
-    fn advance(&mut self, masks: [u64; 3], codes: &mut [u64; LANES]) {
-        let Self { crossing: [x, y, z], spacing: [dx, dy, dz], code: [cx, cy, cz], step: [sx, sy, sz] } =
-            self;
-        for lane in 0..LANES {
-            codes[lane] = cx[lane] | cy[lane] | cz[lane];
-            let x_before_y = mask(x[lane] < y[lane]);
-            let along_x = x_before_y & mask(x[lane] < z[lane]);
-            let along_y = !x_before_y & mask(y[lane] < z[lane]);
-            let along_z = !(along_x | along_y);
-            x[lane] += f64::from_bits(dx[lane].to_bits() & along_x);
-            y[lane] += f64::from_bits(dy[lane].to_bits() & along_y);
-            z[lane] += f64::from_bits(dz[lane].to_bits() & along_z);
-            cx[lane] = cx[lane].wrapping_add(sx[lane] & along_x) & masks[0];
-            cy[lane] = cy[lane].wrapping_add(sy[lane] & along_y) & masks[1];
-            cz[lane] = cz[lane].wrapping_add(sz[lane] & along_z) & masks[2];
-        }
-    }
-}
-
-/// All bits or none.
-#[inline(always)]
-fn mask(condition: bool) -> u64 {
-    u64::from(condition).wrapping_neg()
-}
-
 impl Origin {
     /// The `point` in the voxel `key`, for rays that stay within a window.
     pub(crate) fn new(space: &KeySpace, point: [f32; 3], key: Key, window: &Window) -> Self {
@@ -232,20 +189,17 @@ impl Origin {
         marks: &mut ScanMarks,
     ) {
         let rays = group.map(|(_, index)| &batch[index as usize]);
-        let (mut lanes, lengths) = self.lanes(rays);
         // The walks are sorted by length: so many steps do not carry the shortest to its end.
         let common = group[0].0 as usize - 1;
         let passed = &mut buffers.passed[..common];
-        for place in passed.iter_mut() {
-            lanes.advance(self.masks, place);
-        }
+        let (lanes, lengths) = lanes::march(self, &rays.map(|ray| ray.end), passed);
         buffers.tails.clear();
         let mut arrived = [true; LANES];
         for lane in 0..LANES {
             let from = buffers.tails.len();
             buffers.tails.resize(from + group[lane].0 as usize - common, 0);
             let tail = &mut buffers.tails[from..];
-            arrived[lane] = self.finish(&lanes, lane, rays[lane], lengths[lane], common > 0, tail);
+            arrived[lane] = self.finish(&lanes, lane, rays[lane], f64::from(lengths[lane]), common > 0, tail);
             if !arrived[lane] {
                 buffers.tails.truncate(from);
                 self.walk(rays[lane], marks);
@@ -259,33 +213,6 @@ impl Origin {
             }
         }
         marks.mark_all_free(&buffers.tails);
-    }
-
-    /// The starts of four walks, and the rays' lengths. Components that are no numbers (a ray too short for its length)
-    /// never arrive.
-    #[inline]
-    fn lanes(&self, rays: [&Ray; LANES]) -> (Lanes, [f64; LANES]) {
-        let mut lanes = Lanes {
-            crossing: [[f64::MAX; LANES]; 3],
-            spacing: [[f64::MAX; LANES]; 3],
-            code: self.codes.map(|code| [code; LANES]),
-            step: [[0; LANES]; 3],
-        };
-        let mut lengths = [0.0; LANES];
-        for lane in 0..LANES {
-            let (direction, length) = direction_and_length(self.point, rays[lane].end);
-            lengths[lane] = f64::from(length as f32);
-            for (axis, along) in direction.into_iter().enumerate() {
-                let forward = usize::from(along > 0.0);
-                let is_along = along != 0.0;
-                let crossing = self.borders[axis][forward] / f64::from(along);
-                let spacing = self.space.resolution() / f64::from(along).abs();
-                lanes.crossing[axis][lane] = if is_along { crossing } else { f64::MAX };
-                lanes.spacing[axis][lane] = if is_along { spacing } else { f64::MAX };
-                lanes.step[axis][lane] = if is_along { self.steps[axis][forward] } else { 0 };
-            }
-        }
-        (lanes, lengths)
     }
 
     /// Takes one walk to its end, noting the voxels before; `false` where OctoMap's would have stopped elsewhere.

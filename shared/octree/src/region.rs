@@ -55,9 +55,7 @@ impl OctreeMap {
         if left == 0 {
             self.bricks.remove(code);
         } else {
-            let (store, index) = self.bricks.at_mut(place);
-            store.erase(index, voxels);
-            store.set_revision(index, self.revision);
+            self.bricks.erase(place, voxels, self.revision);
         }
         values
     }

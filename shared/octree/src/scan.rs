@@ -65,15 +65,15 @@ pub struct ScanReport {
     pub occupied_voxels: u32,
     /// Voxels with a new value or a new flag; see [`OctreeMap::changes`].
     pub changed: u32,
-    /// Bricks of 8 x 8 x 8 voxels that the ceiling kept out. A scan that alone touches more bricks than the ceiling
-    /// counts such a brick each time that a ray enters it.
+    /// Bricks of 8 x 8 x 8 voxels that the ceiling kept out. A scan whose marks alone would need
+    /// more bytes than the map may take counts such a brick each time that a ray enters it.
     pub refused_bricks: u32,
 }
 
 impl OctreeMap {
     /// Adds one scan: every voxel gets at most one update, a hit where a point is in it, otherwise a miss where a ray
-    /// passes. The result does not depend on the order of the points (only which bricks are refused may, where a single
-    /// scan touches more bricks than [`crate::MapConfig::max_bricks`]).
+    /// passes. The result does not depend on the order of the points (only which bricks are refused may, where the
+    /// marks of a single scan would need more bytes than [`crate::MapConfig::max_bytes`]).
     ///
     /// Same voxels and values as OctoMap's `insertPointCloud`; ground and misses as `octomap_server` adds ground points,
     /// except that the voxel of a ground point is free, too. A point or origin without a key is dropped and counted.
@@ -110,7 +110,7 @@ impl OctreeMap {
         self.mark_ends(hits, options.discretize);
         let from = Origin::new(&self.space, scan.origin, key, self.marks.window());
         let coarse = options.coarse_free_space
-            && self.coarse.get_or_insert_with(|| CoarseCaster::new(self.bricks.max())).cast(
+            && self.coarse.get_or_insert_with(|| CoarseCaster::new(self.bricks.max_bytes())).cast(
                 &self.space,
                 scan.origin,
                 &self.rays,

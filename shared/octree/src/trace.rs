@@ -93,6 +93,11 @@ impl Walk {
         true
     }
 
+    /// Path lengths to the next border of each axis, and between two borders, metres.
+    pub(crate) fn borders(&self) -> ([f64; 3], [f64; 3]) {
+        (self.crossing, self.spacing)
+    }
+
     /// Path length to the next border, metres.
     #[inline]
     pub(crate) fn next_crossing(&self) -> f64 {

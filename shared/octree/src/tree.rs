@@ -3,9 +3,8 @@
 use evac_formats::octomap::{DEPTH, Node, OcTreeFile};
 
 use crate::bricks::Bricks;
+use crate::build::Builder;
 use crate::decoded::Decoded;
-use crate::directory::Near;
-use crate::mask::{self, BRICK_VOXELS, Mask, WORDS};
 use crate::morton::BRICK_BITS;
 use crate::{MapConfig, MapError, OctreeMap, SensorModel};
 
@@ -24,8 +23,7 @@ pub enum Pruning {
 impl OctreeMap {
     /// The octree that OctoMap would have after the same insertions. Ground flags have no place in it.
     pub fn to_tree(&self, pruning: Pruning) -> OcTreeFile {
-        let mut sorted = self.bricks.sorted();
-        sorted.retain(|&(_, place)| !mask::is_empty(&self.bricks.known(place)));
+        let sorted = self.bricks.sorted_known();
         let mut writer = Writer {
             bricks: &self.bricks,
             prune: pruning == Pruning::Full,
@@ -38,14 +36,18 @@ impl OctreeMap {
         OcTreeFile::assume_valid(self.space().resolution(), writer.nodes)
     }
 
+    /// The bytes of a `.ot` file, as OctoMap's `write` makes them after the same insertions.
+    pub fn ot_bytes(&self) -> Vec<u8> {
+        evac_formats::octomap::ot_bytes(&self.to_tree(Pruning::Full))
+    }
+
     /// A map with the leaves of a tree; a leaf above the finest level fills all its voxels.
     ///
     /// # Errors
-    /// [`MapError::TooLarge`] before more than `max_bricks` bricks are taken, and as [`OctreeMap::new`].
-    pub fn from_tree(tree: &OcTreeFile, sensor: SensorModel, max_bricks: u32) -> Result<Self, MapError> {
-        let mut map = Self::new(MapConfig { sensor, max_bricks, ..MapConfig::new(tree.resolution()) })?;
-        let mut brick = NewBrick { code: None, known: [0; WORDS], values: [0.0; BRICK_VOXELS] };
-        let mut near = Near::default();
+    /// [`MapError::TooLarge`] before more than `max_bytes` are taken, and as [`OctreeMap::new`].
+    pub fn from_tree(tree: &OcTreeFile, sensor: SensorModel, max_bytes: usize) -> Result<Self, MapError> {
+        let map = Self::new(MapConfig { sensor, max_bytes, ..MapConfig::new(tree.resolution()) })?;
+        let mut builder = Builder::new(map);
         // Children that are still to come, and the code, of each open ancestor.
         let mut open: Vec<(u8, u64)> = Vec::with_capacity(DEPTH);
         for node in tree.nodes() {
@@ -61,67 +63,13 @@ impl OctreeMap {
                 open.push((node.child_mask, code));
                 continue;
             }
-            let depth = open.len() as u32;
-            if depth < BRICK_DEPTH + 1 {
-                map.add_brick(&mut brick, &mut near)?;
-                map.fill(code, depth, node.log_odds)?;
-            } else {
-                let first = code << (3 * (DEPTH as u32 - depth));
-                if brick.code != Some(first >> BRICK_BITS) {
-                    map.add_brick(&mut brick, &mut near)?;
-                    brick.code = Some(first >> BRICK_BITS);
-                }
-                let start = first as usize % BRICK_VOXELS;
-                let voxels = 1 << (3 * (DEPTH as u32 - depth));
-                brick.values[start..start + voxels].fill(node.log_odds);
-                mask::set_range(&mut brick.known, start, voxels);
-            }
+            builder.leaf(code, open.len() as u32, node.log_odds)?;
             while open.last().is_some_and(|&(left, _)| left == 0) {
                 open.pop();
             }
         }
-        map.add_brick(&mut brick, &mut near)?;
-        Ok(map)
+        builder.finish()
     }
-
-    /// Sets all voxels of the node with this code and depth, of a brick or more.
-    fn fill(&mut self, code: u64, depth: u32, log_odds: f32) -> Result<(), MapError> {
-        let too_large = MapError::TooLarge { max_bricks: self.bricks.max() };
-        let levels = 3 * (BRICK_DEPTH - depth);
-        let bricks = 1_u64 << levels;
-        if bricks > u64::from(self.bricks.max() - self.bricks.len()) {
-            return Err(too_large);
-        }
-        let mut near = Near::default();
-        for brick in 0..bricks {
-            let place =
-                self.bricks.find_or_add((code << levels) + brick, &mut near).ok_or(too_large.clone())?;
-            self.bricks.assign(place, &[u64::MAX; WORDS], log_odds, self.revision);
-        }
-        self.known += BRICK_VOXELS * bricks as usize;
-        self.listed += BRICK_VOXELS * bricks as usize;
-        Ok(())
-    }
-
-    /// Adds a brick from its voxels.
-    fn add_brick(&mut self, brick: &mut NewBrick, near: &mut Near) -> Result<(), MapError> {
-        let Some(code) = brick.code.take() else { return Ok(()) };
-        let too_large = MapError::TooLarge { max_bricks: self.bricks.max() };
-        let place = self.bricks.find_or_add(code, near).ok_or(too_large)?;
-        self.bricks.fill(place, &brick.known, &brick.values, self.revision);
-        let known = mask::count(&brick.known);
-        self.known += known;
-        self.listed += known;
-        brick.known = [0; WORDS];
-        Ok(())
-    }
-}
-
-/// A brick while the leaves of a tree come in.
-struct NewBrick {
-    code: Option<u64>,
-    known: Mask,
-    values: [f32; BRICK_VOXELS],
 }
 
 /// Writes the nodes in pre-order: a parent's place is kept free until its children are known.

@@ -9,7 +9,7 @@ const PAGE: usize = 64;
 /// Longest run.
 pub(crate) const MAX_RUN: usize = 32;
 
-/// Runs of units by the index of their first; they never move and never cross pages. A freed run joins its free
+/// Runs of units by the index of their first; they never cross pages. A freed run joins its free
 /// neighbours, so that bricks whose size changes with time leave little unused.
 #[derive(Clone, Debug)]
 pub(crate) struct Units {
@@ -36,11 +36,25 @@ impl Units {
         let found = self.longest[from..].iter().position(|&longest| usize::from(longest) >= length);
         let page = from + found.unwrap_or(self.pages.len() - from);
         if page == self.pages.len() {
+            self.grow();
+        }
+        self.first[length] = page as u32;
+        self.take(page, length)
+    }
+
+    /// Some more pages, in proportion to what is there, so that a use that goes up and down seldom needs any.
+    #[cold]
+    fn grow(&mut self) {
+        let more = 1 + self.pages.len() / 16;
+        self.pages.reserve_exact(more);
+        for _ in 0..more {
             self.pages.push(Box::new([[0; 8]; PAGE]));
             self.free.push(u64::MAX);
             self.longest.push(MAX_RUN as u8);
         }
-        self.first[length] = page as u32;
+    }
+
+    fn take(&mut self, page: usize, length: usize) -> u32 {
         let start = starts(self.free[page], length).trailing_zeros();
         self.set_free(page, self.free[page] & !(ones(length) << start));
         self.used += length;
@@ -54,6 +68,38 @@ impl Units {
         self.used -= length;
         for first in &mut self.first[..=usize::from(self.longest[page])] {
             *first = (*first).min(page as u32);
+        }
+    }
+
+    /// Whether so much is free that it is worth moving runs together; then the index from which on pages should
+    /// become empty.
+    pub(crate) fn excess(&self) -> Option<u32> {
+        let needed = self.used + self.used / 16;
+        let held = self.pages.len() * PAGE;
+        (held > needed + self.used / 16 + 3 * PAGE).then(|| ((needed.div_ceil(PAGE) + 2) * PAGE) as u32)
+    }
+
+    /// Moves a run to a place before `end`, if there is one.
+    pub(crate) fn move_before(&mut self, at: u32, length: usize, end: u32) -> Option<u32> {
+        let pages = end as usize / PAGE;
+        let from = self.first[length] as usize;
+        let before = self.longest.get(from..pages.min(self.longest.len()))?;
+        let page = from + before.iter().position(|&longest| usize::from(longest) >= length)?;
+        let new = self.take(page, length);
+        for unit in 0..length {
+            let content = self.run(at, length)[unit];
+            self.run_mut(new, length)[unit] = content;
+        }
+        self.remove(at, length);
+        Some(new)
+    }
+
+    /// Gives empty pages from `end` on back to the system.
+    pub(crate) fn shrink(&mut self, end: u32) {
+        while self.pages.len() > end as usize / PAGE && self.free.last() == Some(&u64::MAX) {
+            self.pages.pop();
+            self.free.pop();
+            self.longest.pop();
         }
     }
 

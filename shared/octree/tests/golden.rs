@@ -155,7 +155,7 @@ fn trees_read_from_files_become_maps_and_the_same_files_again() {
             continue;
         }
         let tree = read(&path).unwrap();
-        let map = OctreeMap::from_tree(&tree, SensorModel::default(), 10_000).unwrap();
+        let map = OctreeMap::from_tree(&tree, SensorModel::default(), 64 << 20).unwrap();
         let pruning = if name.contains("noprune") { Pruning::None } else { Pruning::Full };
         assert!(map.to_tree(pruning) == tree, "{name}");
 

@@ -6,6 +6,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use crate::bus::{Bus, Ipc, layout_attribute, layout_text, retry, service_name};
@@ -94,6 +95,7 @@ impl<S: FrameService> FramePublisher<S> {
 /// Receives frames of one service.
 #[derive(Debug)]
 pub struct FrameSubscriber<S: FrameService> {
+    service: PortFactory<Ipc, Item<S>, Header<S>>,
     subscriber: Subscriber<Ipc, Item<S>, Header<S>>,
 }
 
@@ -107,7 +109,12 @@ impl<S: FrameService> FrameSubscriber<S> {
         let service = open::<S>(bus)?;
         let subscriber =
             retry(S::NAME, "subscribe", || service.subscriber_builder().buffer_size(S::QOS.buffer).create())?;
-        Ok((Self { subscriber }, listener))
+        Ok((Self { service, subscriber }, listener))
+    }
+
+    /// Whether somebody publishes on the service at the moment.
+    pub fn has_publisher(&self) -> bool {
+        self.service.dynamic_config().number_of_publishers() > 0
     }
 
     /// The next frame, borrowed from shared memory until it is dropped; `None` when all are read.

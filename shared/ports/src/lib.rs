@@ -24,4 +24,4 @@ pub use error::PortError;
 pub use frames_port::{FramePublisher, FrameSample, FrameSubscriber};
 pub use records_port::{RecordPublisher, RecordSubscriber};
 pub use requests::{RequestReceiver, RequestSender};
-pub use wakeup::{Listener, Wake, wait_on};
+pub use wakeup::{Doorbell, Listener, Ringer, Wake, wait_on, wait_on_bells};

@@ -3,6 +3,7 @@
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use evac_frames::{Layout, layout_hash};
@@ -73,6 +74,7 @@ impl<S: RecordService> RecordPublisher<S> {
 /// Receives records of one service.
 #[derive(Debug)]
 pub struct RecordSubscriber<S: RecordService> {
+    service: PortFactory<Ipc, Wire<S::Record>, ()>,
     subscriber: Subscriber<Ipc, Wire<S::Record>, ()>,
 }
 
@@ -86,7 +88,12 @@ impl<S: RecordService> RecordSubscriber<S> {
         let service = open::<S>(bus)?;
         let subscriber =
             retry(S::NAME, "subscribe", || service.subscriber_builder().buffer_size(S::QOS.buffer).create())?;
-        Ok((Self { subscriber }, listener))
+        Ok((Self { service, subscriber }, listener))
+    }
+
+    /// Whether somebody publishes on the service at the moment.
+    pub fn has_publisher(&self) -> bool {
+        self.service.dynamic_config().number_of_publishers() > 0
     }
 
     /// The next record; `None` when all are read.

@@ -4,7 +4,8 @@
 //! on everywhere: a stopped or dead subscriber never stalls a publisher; what it misses shows as a gap in `seq`.
 
 use evac_frames::{
-    Ack, GridHeader, Health, ImuSample, Layout, MapHeader, Point, PoseFrame, ScanHeader, Voxel,
+    Ack, GridHeader, Health, ImuAttitude, ImuSample, Layout, MapHeader, Point, PoseFrame, Route, ScanHeader,
+    Voxel,
 };
 
 /// Quality of service of one service.
@@ -57,8 +58,9 @@ pub trait RecordService {
     type Record: Layout;
 }
 
-/// 32 frames are 3.2 s of stall at 10 Hz; 24 borrowed let a stage hold 20 scans until their pose comes.
-const FRAMES: Qos = Qos { publishers: 4, subscribers: 8, buffer: 32, borrowed: 24, history: 16, nodes: 24 };
+/// 32 frames are 3.2 s of stall at 10 Hz; 48 borrowed let a stage hold 20 scans until their pose comes and another 20 of an
+/// instance that is not routed yet. Every reader may have a standby, which also reads what its own stage writes.
+const FRAMES: Qos = Qos { publishers: 4, subscribers: 14, buffer: 32, borrowed: 48, history: 16, nodes: 32 };
 
 /// Points of the largest scan: 240,000 points/s (Horizon, Avia) over 150 ms, rounded up.
 const MAX_POINTS: usize = 40_000;
@@ -138,9 +140,19 @@ pub struct Imu;
 impl RecordService for Imu {
     const NAME: &'static str = "imu/sample";
     // 4096 samples are 20 s at 200 Hz: a lossless replay paces itself on scans, so that all samples of a pause between two
-    // scans come at once. History covers the start of a stage that joins between two scans.
-    const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 64, ..FRAMES };
+    // scans come at once. History covers the 16 scans of a scan service's at 200 Hz, so that a stage that is started again has
+    // both.
+    const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 512, ..FRAMES };
     type Record = ImuSample;
+}
+
+/// An IMU's own attitude and magnetometer.
+#[derive(Debug, Clone, Copy)]
+pub struct Attitude;
+impl RecordService for Attitude {
+    const NAME: &'static str = "imu/attitude";
+    const QOS: Qos = Qos { buffer: 256, borrowed: 2, history: 0, ..FRAMES };
+    type Record = ImuAttitude;
 }
 
 /// Poses of the routed odometry.
@@ -175,8 +187,17 @@ impl RecordService for HealthStatus {
 pub struct SinkAck;
 impl RecordService for SinkAck {
     const NAME: &'static str = "sink/ack";
-    const QOS: Qos = Qos { publishers: 12, subscribers: 8, buffer: 64, borrowed: 2, history: 1, nodes: 32 };
+    const QOS: Qos = Qos { publishers: 12, subscribers: 14, buffer: 64, borrowed: 2, history: 1, nodes: 32 };
     type Record = Ack;
+}
+
+/// The launcher's word on which instance of a stage is listened to. It says everything anew when a process joins.
+#[derive(Debug, Clone, Copy)]
+pub struct Routes;
+impl RecordService for Routes {
+    const NAME: &'static str = "route";
+    const QOS: Qos = Qos { publishers: 2, subscribers: 48, buffer: 64, borrowed: 2, history: 0, nodes: 32 };
+    type Record = Route;
 }
 
 /// Event by which a late joiner asks the mapper for a snapshot.

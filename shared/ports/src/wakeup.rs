@@ -1,6 +1,10 @@
 //! Sleeping until one of several services has news. Nothing polls or spins.
 
+use std::io::{Read as _, Write as _};
 use std::ops::ControlFlow;
+use std::os::fd::AsRawFd as _;
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::port::listener::{Listener as EventListener, ListenerWaitError};
@@ -42,6 +46,61 @@ impl Listener {
     }
 }
 
+/// Wakes a process that waits for something that is no service, from another of its threads.
+#[derive(Debug)]
+pub struct Doorbell {
+    stream: UnixStream,
+    descriptor: FileDescriptor,
+    ringer: Ringer,
+}
+
+/// Rings a [`Doorbell`].
+#[derive(Debug, Clone)]
+pub struct Ringer(Arc<UnixStream>);
+
+impl Doorbell {
+    /// Hangs one up.
+    ///
+    /// # Errors
+    /// [`PortError::Refused`] when the system has no descriptors left.
+    pub fn new() -> Result<Self, PortError> {
+        let refused = |cause: String| PortError::refused("(doorbell)", "be made", cause);
+        let (stream, ringer) = UnixStream::pair().map_err(|cause| refused(cause.to_string()))?;
+        for end in [&stream, &ringer] {
+            end.set_nonblocking(true).map_err(|cause| refused(cause.to_string()))?;
+        }
+        let descriptor = FileDescriptor::non_owning_new(stream.as_raw_fd())
+            .ok_or_else(|| refused("no descriptor".to_owned()))?;
+        Ok(Self { stream, descriptor, ringer: Ringer(Arc::new(ringer)) })
+    }
+
+    /// What rings it.
+    pub fn ringer(&self) -> Ringer {
+        self.ringer.clone()
+    }
+
+    fn drain(&self) {
+        let mut bytes = [0; 64];
+        while matches!((&self.stream).read(&mut bytes), Ok(1..)) {}
+    }
+}
+
+impl Ringer {
+    /// Rings.
+    pub fn ring(&self) {
+        // A bell that is full of rings rings.
+        let _ = (&*self.0).write(&[1]);
+    }
+}
+
+impl FileDescriptorBased for Doorbell {
+    fn file_descriptor(&self) -> &FileDescriptor {
+        &self.descriptor
+    }
+}
+
+impl SynchronousMultiplexing for Doorbell {}
+
 /// Stands for the service's name where it is not one service that refuses.
 const SEVERAL: &str = "(all)";
 
@@ -61,6 +120,18 @@ pub enum Wake {
 /// [`PortError::Refused`] when the middleware cannot wait, and whatever `look` breaks with.
 pub fn wait_on<B>(
     listeners: &[Listener],
+    look: impl FnMut(Wake) -> ControlFlow<B, Duration>,
+) -> Result<B, PortError> {
+    wait_on_bells(listeners, &[], look)
+}
+
+/// As [`wait_on`], and also after a ring of a doorbell.
+///
+/// # Errors
+/// As [`wait_on`].
+pub fn wait_on_bells<B>(
+    listeners: &[Listener],
+    bells: &[&Doorbell],
     mut look: impl FnMut(Wake) -> ControlFlow<B, Duration>,
 ) -> Result<B, PortError> {
     let refused = |cause: String| PortError::refused(SEVERAL, "wait", cause);
@@ -68,9 +139,12 @@ pub fn wait_on<B>(
         .signal_handling_mode(SignalHandlingMode::HandleTerminationRequests)
         .create::<Ipc>()
         .map_err(|e| refused(format!("{e:?}")))?;
-    let mut guards = Vec::with_capacity(listeners.len());
+    let mut guards = Vec::with_capacity(listeners.len() + bells.len());
     for listener in listeners {
         guards.push(waitset.attach_notification(&listener.listener).map_err(|e| refused(format!("{e:?}")))?);
+    }
+    for bell in bells {
+        guards.push(waitset.attach_notification(*bell).map_err(|e| refused(format!("{e:?}")))?);
     }
     let mut wake = Wake::Look;
     loop {
@@ -91,5 +165,6 @@ pub fn wait_on<B>(
         for listener in listeners {
             listener.drain();
         }
+        bells.iter().for_each(|bell| bell.drain());
     }
 }

@@ -1,6 +1,6 @@
 //! A stage's report about itself: counters and latency percentiles, each second and once at its end.
 
-use evac_frames::{FrameHeader, Health, LatencySummary, OdometryHealth, StageState};
+use evac_frames::{FrameHeader, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, PortError, RecordPublisher, now_ns};
 use hdrhistogram::Histogram;
@@ -48,10 +48,15 @@ impl Reporter {
     /// # Errors
     /// [`PortError`].
     pub fn open(bus: &Bus, name: &str, epoch: u32) -> Result<Self, PortError> {
+        Self::open_as(bus, name, epoch, StageState::Waiting)
+    }
+
+    pub(crate) fn open_as(bus: &Bus, name: &str, epoch: u32, state: StageState) -> Result<Self, PortError> {
         let mut reporter = Self::detached();
         reporter.publisher = Some(RecordPublisher::open(bus)?);
         reporter.health.name = Health::text(name);
         reporter.health.epoch = epoch;
+        reporter.health.state = state as u32;
         reporter.publish()?;
         Ok(reporter)
     }
@@ -103,6 +108,38 @@ impl Reporter {
         self.health.last_seq = header.seq;
         self.compute.record(now - complete_ns);
         self.end_to_end.record(now - header.arrival_ns);
+    }
+
+    /// A standby is done with frame `seq` of the routed instance.
+    pub(crate) fn followed(&mut self, seq: u64) {
+        self.health.frames_in += 1;
+        self.health.last_seq = seq;
+    }
+
+    /// What a standby counted while it followed is no business of whoever reads it from now on.
+    pub(crate) fn forget(&mut self) {
+        (self.input, self.counters) = (InputCounters::default(), Counters::default());
+        self.health.frames_in = 0;
+        self.last_report = (now_ns(), 0);
+        for latency in [&mut self.ipc, &mut self.compute, &mut self.end_to_end] {
+            latency.clear();
+        }
+    }
+
+    /// Publishes a report at once where the state is another than before.
+    pub(crate) fn change(&mut self, state: StageState) -> Result<(), PortError> {
+        if self.health.state == state as u32 {
+            return Ok(());
+        }
+        self.health.state = state as u32;
+        self.publish()
+    }
+
+    /// Says which frame was the last before another instance takes over; without one, `NO_SEQ`.
+    pub(crate) fn retire(&mut self, last_seq: Option<u64>) -> Result<(), PortError> {
+        self.health.last_seq = last_seq.unwrap_or(NO_SEQ);
+        self.health.state = StageState::Retired as u32;
+        self.publish()
     }
 
     /// How many frames the whole stream will have.
@@ -170,6 +207,12 @@ impl Latency {
     fn record(&mut self, nanoseconds: i64) {
         if let Some(histogram) = &mut self.0 {
             histogram.saturating_record(nanoseconds.max(0).unsigned_abs());
+        }
+    }
+
+    fn clear(&mut self) {
+        if let Some(histogram) = &mut self.0 {
+            histogram.reset();
         }
     }
 

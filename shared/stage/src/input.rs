@@ -1,6 +1,6 @@
 //! What stages are called with. The run loop joins the streams; a stage only sees complete sets.
 
-use evac_frames::{ImuSample, MapHeader, Point, PoseFrame, ScanHeader, Voxel};
+use evac_frames::{GridHeader, Health, ImuSample, MapHeader, Point, PoseFrame, ScanHeader, Voxel};
 
 /// A scan with the IMU data that covers it: input of the deskewer and of every odometry.
 #[derive(Debug, Clone, Copy)]
@@ -65,4 +65,25 @@ pub struct SinkInput<'a> {
     pub map: MapMessage<'a>,
     /// Truth at the scan's end, where a simulator runs.
     pub truth: Option<&'a PoseFrame>,
+}
+
+/// One message of any service: input of the recorder.
+#[derive(Debug, Clone, Copy)]
+pub enum Tapped<'a> {
+    /// `lidar/scan`
+    Scan(&'a ScanHeader, &'a [Point]),
+    /// `imu/sample`
+    Imu(&'a ImuSample),
+    /// `scan/deskewed`
+    Deskewed(&'a ScanHeader, &'a [Point]),
+    /// `odometry/pose`
+    Pose(&'a PoseFrame),
+    /// `truth/pose`
+    Truth(&'a PoseFrame),
+    /// `map/update`
+    Map(MapMessage<'a>),
+    /// `grid/plan`; its cells are `i8`, given as bytes.
+    Grid(&'a GridHeader, &'a [u8]),
+    /// `health/status`, and the newest time of the sensors.
+    Health(&'a Health, i64),
 }

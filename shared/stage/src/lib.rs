@@ -14,8 +14,11 @@
 //! lossless mode, `--config`, `--print-config`, `--check` and exit codes.
 
 mod check;
+mod checkpoint;
 mod device;
 mod exit;
+mod follow;
+mod gate;
 mod health;
 mod input;
 pub mod joins;
@@ -23,6 +26,7 @@ mod logging;
 mod options;
 mod output;
 mod pace;
+mod role;
 mod run_device;
 mod run_source;
 mod run_stage;
@@ -31,11 +35,13 @@ mod stage;
 mod tracking;
 
 pub use check::check_range;
+pub use checkpoint::State;
 pub use device::Device;
 pub use evac_config::Rig;
 pub use exit::{RunError, exit_code};
+pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
-pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput};
+pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
 pub use output::{

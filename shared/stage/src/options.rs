@@ -23,6 +23,9 @@ pub struct RunOptions {
     /// Number of this instance, written into every frame
     #[arg(long, default_value_t = 0)]
     pub epoch: u32,
+    /// Follow the routed instance without publishing, until the launcher routes this one
+    #[arg(long)]
+    pub standby: bool,
     /// Print the configuration that would be used, with every default, and end
     #[arg(long)]
     pub print_config: bool,
@@ -85,11 +88,15 @@ impl Context {
         Ok(config)
     }
 
+    /// The whole pipeline file; empty where there is none.
+    pub(crate) fn pipeline_text(&self) -> Result<String, RunError> {
+        self.pipeline
+            .as_ref()
+            .map_or(Ok(String::new()), |pipeline| toml::to_string(pipeline).map_err(unprintable))
+    }
+
     /// A pipeline file with this stage alone and its whole configuration.
     pub(crate) fn with_config<C: StageConfig>(&self, config: &C) -> Result<String, RunError> {
-        let unprintable = |cause: toml::ser::Error| {
-            RunError::Value(format!("the configuration cannot be printed: {cause}"))
-        };
         let config = toml::Table::try_from(config).map_err(unprintable)?;
         let stages = vec![StageEntry { config, ..self.entry.clone() }];
         let pipeline = Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, stages };
@@ -102,4 +109,8 @@ impl Context {
             .as_ref()
             .is_some_and(|p| p.stages.iter().any(|stage| kinds.contains(&stage.kind.as_str())))
     }
+}
+
+fn unprintable(cause: toml::ser::Error) -> RunError {
+    RunError::Value(format!("the configuration cannot be printed: {cause}"))
 }

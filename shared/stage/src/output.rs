@@ -1,15 +1,17 @@
 //! What stages write to: shared memory in a pipeline, plain vectors in tests and benches (`default()`).
 
 use evac_frames::{
-    FrameHeader, GridHeader, ImuSample, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel,
+    FrameHeader, GridHeader, ImuAttitude, ImuSample, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader,
+    Voxel,
 };
 use evac_ports::services::{
-    Cell, GridPlan, Imu, LidarScan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
-    TruthPose,
+    Attitude, Cell, GridPlan, Imu, LidarScan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST,
+    ScanDeskewed, TruthPose,
 };
 use evac_ports::services::{FrameService, SliceLen};
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
 
+use crate::follow::{AckFollower, Followed, MapFollower, PoseFollower, Routed, ScanFollower};
 use crate::{StageError, tracking};
 
 /// An output that the run loop can connect to the bus.
@@ -106,6 +108,15 @@ impl StageOutput for ScanOutput {
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+}
+
+impl Followed for ScanOutput {
+    type Follower = ScanFollower;
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        let points = routed.items();
+        self.publish(routed.header(), points.len(), |i| points.get(i).copied().unwrap_or_default())
     }
 }
 
@@ -215,15 +226,25 @@ impl StageOutput for TruthOutput {
 pub struct ImuOutput {
     /// What was published, newest last, where no shared memory is connected.
     pub memory: Vec<ImuSample>,
+    /// Attitudes published, where no shared memory is connected.
+    pub attitudes: Vec<ImuAttitude>,
     newest_only: bool,
     next_seq: u64,
-    port: Option<(RecordPublisher<Imu>, u32)>,
+    port: Option<ImuPort>,
+}
+
+#[derive(Debug)]
+struct ImuPort {
+    samples: RecordPublisher<Imu>,
+    attitudes: RecordPublisher<Attitude>,
+    epoch: u32,
 }
 
 impl ImuOutput {
-    /// Keeps only the newest sample in memory, so that publishing does not allocate.
+    /// Keeps only the newest sample and attitude in memory, so that publishing does not allocate.
     pub fn newest_only() -> Self {
-        Self { newest_only: true, memory: Vec::with_capacity(1), ..Self::default() }
+        let (memory, attitudes) = (Vec::with_capacity(1), Vec::with_capacity(1));
+        Self { newest_only: true, memory, attitudes, ..Self::default() }
     }
 
     /// Publishes a sample; gives it with its number and the moment of its hand-over.
@@ -234,9 +255,9 @@ impl ImuOutput {
         let mut sample = ImuSample { seq: self.next_seq, sent_ns: now_ns(), ..*sample };
         self.next_seq += 1;
         match &self.port {
-            Some((port, epoch)) => {
-                sample.epoch = *epoch;
-                port.publish(&sample).map_err(failed)?;
+            Some(port) => {
+                sample.epoch = port.epoch;
+                port.samples.publish(&sample).map_err(failed)?;
             }
             None => {
                 if self.newest_only {
@@ -247,14 +268,33 @@ impl ImuOutput {
         }
         Ok(sample)
     }
+
+    /// Publishes what the IMU itself makes of the newest sample.
+    ///
+    /// # Errors
+    /// As [`Self::publish`].
+    pub fn publish_attitude(&mut self, attitude: &ImuAttitude) -> Result<(), StageError> {
+        let seq = self.next_seq.saturating_sub(1);
+        let attitude = ImuAttitude { seq, sent_ns: now_ns(), ..*attitude };
+        let Some(port) = &self.port else {
+            if self.newest_only {
+                self.attitudes.clear();
+            }
+            self.attitudes.push(attitude);
+            return Ok(());
+        };
+        port.attitudes.publish(&ImuAttitude { epoch: port.epoch, ..attitude }).map_err(failed)
+    }
 }
 
 impl StageOutput for ImuOutput {
-    const SERVICES: &'static [&'static str] = &["imu/sample"];
+    const SERVICES: &'static [&'static str] = &["imu/sample", "imu/attitude"];
     const IS_SINK: bool = false;
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
-        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
+        let port =
+            ImuPort { samples: RecordPublisher::open(bus)?, attitudes: RecordPublisher::open(bus)?, epoch };
+        Ok(Self { port: Some(port), ..Self::default() })
     }
 }
 
@@ -306,6 +346,18 @@ impl StageOutput for PoseOutput {
     }
 }
 
+impl Followed for PoseOutput {
+    type Follower = PoseFollower;
+
+    fn note(&mut self, routed: &Routed<'_, Self>) {
+        tracking::count(&mut self.odometry, routed);
+    }
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        self.publish(routed)
+    }
+}
+
 /// Where map updates and snapshots go.
 #[derive(Debug, Default)]
 pub struct MapOutput {
@@ -316,6 +368,8 @@ pub struct MapOutput {
     /// Lets a test ask for a snapshot where no shared memory is connected.
     pub request_snapshot: bool,
     newest_only: bool,
+    /// Epoch of the mapper that began the map, where it was another.
+    map_epoch: Option<u32>,
     port: Option<MapPort>,
 }
 
@@ -345,6 +399,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
+        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
         let Some(port) = &self.port else {
             keep(&mut self.memory, self.newest_only, header, len, fill);
             return Ok(());
@@ -376,6 +431,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
+        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
         let Some(port) = &self.port else {
             keep(&mut self.snapshots, self.newest_only, header, len, fill);
             return Ok(());
@@ -400,6 +456,19 @@ impl StageOutput for MapOutput {
             epoch,
         };
         Ok(Self { port: Some(port), ..Self::default() })
+    }
+}
+
+impl Followed for MapOutput {
+    type Follower = MapFollower;
+
+    fn note(&mut self, routed: &Routed<'_, Self>) {
+        self.map_epoch = Some(routed.header.map_epoch);
+    }
+
+    fn repeat(&mut self, routed: Routed<'_, Self>) -> Result<(), StageError> {
+        let voxels = routed.voxels;
+        self.publish(routed.header, voxels.len(), |i| voxels.get(i).copied().unwrap_or_default())
     }
 }
 
@@ -444,6 +513,14 @@ impl StageOutput for GridOutput {
     }
 }
 
+impl Followed for GridOutput {
+    type Follower = AckFollower;
+
+    fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
+        Ok(())
+    }
+}
+
 /// For sinks that write files only.
 #[derive(Debug, Default)]
 pub struct NoOutput;
@@ -454,5 +531,13 @@ impl StageOutput for NoOutput {
 
     fn open(_bus: &Bus, _epoch: u32) -> Result<Self, PortError> {
         Ok(Self)
+    }
+}
+
+impl Followed for NoOutput {
+    type Follower = AckFollower;
+
+    fn repeat(&mut self, _routed: Routed<'_, Self>) -> Result<(), StageError> {
+        Ok(())
     }
 }

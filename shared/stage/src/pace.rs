@@ -10,7 +10,7 @@ use evac_ports::{Bus, Listener, RecordSubscriber, now_ns};
 use crate::{Reporter, RunError, SensorEvent, StageError};
 
 /// Kinds of sinks, whose acknowledgements pace a lossless run.
-const SINK_KINDS: &[&str] = &["grid_exporter", "map_saver"];
+const SINK_KINDS: &[&str] = &["grid_exporter", "map_saver", "recorder"];
 /// Scans under way in a lossless run: enough to keep every stage busy, few enough for every buffer.
 const WINDOW: u64 = 6;
 /// Lossless: a pipeline that acknowledges nothing for this long is broken.

@@ -6,14 +6,18 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::{Args as _, Command, FromArgMatches as _};
-use evac_frames::{Ack, FrameHeader, Health, StageState, frame_flags};
-use evac_ports::services::SinkAck;
-use evac_ports::{Bus, Listener, PortError, RecordPublisher, Wake, now_ns, wait_on};
+use evac_frames::{Ack, FrameHeader, Health, Route, StageState, frame_flags};
+use evac_ports::services::{Routes, SinkAck};
+use evac_ports::{Bus, Listener, PortError, RecordPublisher, RecordSubscriber, Wake, now_ns, wait_on};
 
+use crate::checkpoint::Checkpoints;
+use crate::follow::{Followed, Follower};
 use crate::joins::{Join, JoinOptions};
 use crate::options::Context;
+use crate::role::{Order, Orders, Promotion, Role, Standby};
 use crate::{
-    Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, exit_code, start_logging,
+    Readiness, Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, State, exit_code,
+    start_logging,
 };
 
 /// Kinds of odometry stages; a deskewer beside one of them uses its poses as prior.
@@ -24,7 +28,6 @@ pub fn stage_main<S, J>(args: impl IntoIterator<Item = OsString>) -> ExitCode
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-    S::Output: StageOutput,
 {
     let options = parse_options(S::NAME, args);
     start_logging(&options.log);
@@ -80,22 +83,51 @@ pub fn run_stage<S, J>(options: &RunOptions) -> Result<(), RunError>
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-    S::Output: StageOutput,
 {
     let Some((context, config)) = prepare::<S::Config>(S::NAME, options)? else { return Ok(()) };
-    let stage = S::new(config, &context.rig)?;
+    let mut stage = S::new(config, &context.rig)?;
+    stage.begin(&context.pipeline_text()?)?;
     let bus = Bus::join(&context.domain, &context.name)?;
     let lossless = context.mode == evac_config::Mode::Lossless;
     let join_options = JoinOptions::new(lossless, context.has_kind(ODOMETRY_KINDS));
-    let (join, listeners) = J::open(&bus, join_options)?;
+    let (join, mut listeners) = J::open(&bus, join_options)?;
+    let (routes, route_listener) = RecordSubscriber::open(&bus)?;
+    listeners.push(route_listener);
+    let mut role = Role::Lead;
+    let mut state = StageState::Waiting;
+    if options.standby {
+        let (follower, own_listeners) = <S::Output as Followed>::Follower::open(&bus, &context.name)?;
+        listeners.extend(own_listeners);
+        role = Role::Follow(Box::new(Standby { follower, promotion: None, ended: false, restored: false }));
+        state = StageState::Following;
+    }
     let output = S::Output::open(&bus, context.epoch)?;
     let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
+    let checkpoints = match ack {
+        Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
+        None => None,
+    };
     // Last, because it says that everything is open.
-    let reporter = Reporter::open(&bus, &context.name, context.epoch)?;
-    let mut running = Running { stage, join, output, ack, reporter, ended: false };
+    let reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
+    let orders = Orders::new(&context.name, context.epoch);
+    let mut running = Running {
+        stage,
+        join,
+        output,
+        ack,
+        checkpoints,
+        reporter,
+        routes,
+        orders,
+        role,
+        leads_from: 0,
+        last_seq: None,
+        ended: false,
+    };
     let result = running.run(&bus, &listeners);
     let (state, reason) = match &result {
-        Ok(()) => (StageState::Finished, String::new()),
+        Ok(()) if running.role.leads() => (StageState::Finished, String::new()),
+        Ok(()) => (StageState::Retired, String::new()),
         Err(error) => (StageState::Failed, error.to_string()),
     };
     // The error itself is what the caller needs to see, not that it could not be reported.
@@ -108,7 +140,16 @@ struct Running<S: Stage, J> {
     join: J,
     output: S::Output,
     ack: Option<AckPort>,
+    /// A sink's.
+    checkpoints: Option<Checkpoints>,
     reporter: Reporter,
+    routes: RecordSubscriber<Routes>,
+    orders: Orders,
+    role: Role<<S::Output as Followed>::Follower>,
+    /// Frames before it are the older instance's.
+    leads_from: u64,
+    /// The newest frame that is dealt with, here or by the routed instance.
+    last_seq: Option<u64>,
     ended: bool,
 }
 
@@ -116,7 +157,6 @@ impl<S, J> Running<S, J>
 where
     J: Join,
     S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-    S::Output: StageOutput,
 {
     fn run(&mut self, bus: &Bus, listeners: &[Listener]) -> Result<(), RunError> {
         wait_on(listeners, |wake| match self.look(bus, wake) {
@@ -132,22 +172,22 @@ where
     /// input would never end.
     fn look(&mut self, bus: &Bus, wake: Wake) -> Result<Option<Duration>, RunError> {
         let mut stop = wake == Wake::Stop;
-        self.join.take_in(&mut self.reporter)?;
+        self.take_in()?;
         while !self.ended && self.handle_next()? {
-            self.stage.serve(&mut self.output)?;
+            self.serve()?;
             self.reporter.report_if_due()?;
             if !stop {
                 stop = bus.stop_requested();
-                self.join.take_in(&mut self.reporter)?;
+                self.take_in()?;
             }
         }
         if stop {
-            if !self.ended {
+            if !self.ended && self.role.leads() {
                 self.stage.finish()?;
             }
             return Ok(None);
         }
-        self.stage.serve(&mut self.output)?;
+        self.serve()?;
         if self.ended && self.ack.is_some() {
             return Ok(None);
         }
@@ -158,12 +198,75 @@ where
         Ok(Some(Duration::from_nanos(timeout_ns.unsigned_abs())))
     }
 
+    /// The launcher's words first: when one says that an instance has ended, all that it sent is there.
+    fn take_in(&mut self) -> Result<(), RunError> {
+        while let Some(route) = self.routes.receive()? {
+            self.take_route(&route)?;
+        }
+        if let Role::Follow(standby) = &mut self.role {
+            standby.follower.take_in(&mut self.reporter)?;
+        }
+        Ok(self.join.take_in(&mut self.reporter)?)
+    }
+
+    fn take_route(&mut self, route: &Route) -> Result<(), RunError> {
+        self.join.route(route);
+        if let Role::Follow(standby) = &mut self.role {
+            standby.follower.route(route);
+        }
+        match (self.orders.of(route), &mut self.role) {
+            (Some(Order::Lead(promotion)), Role::Follow(standby)) => standby.promotion = Some(promotion),
+            // The one that was to take over has failed.
+            (Some(Order::Lead(_)), Role::Retired) => {
+                self.role = Role::Lead;
+                self.join.limit(u64::MAX);
+                self.reporter.change(StageState::Running)?;
+            }
+            (Some(Order::Retire), Role::Lead) => {
+                self.role = Role::Retired;
+                self.join.limit(0);
+                self.reporter.retire(self.last_seq)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn serve(&mut self) -> Result<(), RunError> {
+        if !self.role.leads() {
+            return Ok(());
+        }
+        if let (Some(checkpoints), Some(seq)) = (&self.checkpoints, self.last_seq)
+            && checkpoints.is_wanted()
+        {
+            let mut state = State::default();
+            self.stage.save_state(&mut state);
+            // The standby's loss, not this one's: it goes on asking.
+            if let Err(cause) = checkpoints.answer(seq, &state) {
+                tracing::warn!(%cause, "the state for a standby cannot be written");
+            }
+        }
+        Ok(self.stage.serve(&mut self.output)?)
+    }
+
+    fn handle_next(&mut self) -> Result<bool, RunError> {
+        match &self.role {
+            Role::Lead => self.process_next(),
+            Role::Follow(_) => self.follow_next(),
+            Role::Retired => Ok(false),
+        }
+    }
+
     /// Processes one complete set, if there is one. A processor whose stream has ended stays until it is told to stop, so
     /// that nothing it has published is taken away before it is read; a sink finishes its files and ends.
-    fn handle_next(&mut self) -> Result<bool, RunError> {
-        let (stage, output) = (&mut self.stage, &mut self.output);
+    fn process_next(&mut self) -> Result<bool, RunError> {
+        let (stage, output, leads_from) = (&mut self.stage, &mut self.output, self.leads_from);
         let complete_ns = now_ns();
         let handled = self.join.next(&mut self.reporter, |input, frame, reporter| {
+            if frame.seq < leads_from {
+                stage.follow(input, None)?;
+                return Ok(*frame);
+            }
             reporter.begin();
             stage.process(input, output, &mut reporter.counters)?;
             reporter.odometry = output.odometry();
@@ -171,13 +274,117 @@ where
             Ok::<FrameHeader, StageError>(*frame)
         });
         let Some(frame) = handled.transpose()? else { return Ok(false) };
+        if frame.seq < leads_from {
+            return Ok(true);
+        }
+        let Some(frame) = self.join.done(&frame) else { return Ok(true) };
+        self.last_seq = Some(frame.seq);
         self.ended = frame.flags & frame_flags::END_OF_STREAM != 0;
         if self.ended {
-            self.stage.finish()?;
-            self.reporter.end(StageState::Finished, "")?;
+            self.end()?;
         }
         if let Some(ack) = &self.ack {
             ack.send(frame.seq, self.ended)?;
+        }
+        Ok(true)
+    }
+
+    fn end(&mut self) -> Result<(), RunError> {
+        self.stage.finish()?;
+        Ok(self.reporter.end(StageState::Finished, "")?)
+    }
+
+    /// Follows the routed instance by one frame, or takes over from it when it was followed to its end.
+    fn follow_next(&mut self) -> Result<bool, RunError> {
+        let Role::Follow(standby) = &mut self.role else { return Ok(false) };
+        // After its first frame, so that the map's stream has begun by then.
+        if let (Some(checkpoints), Some(last), false) =
+            (&mut self.checkpoints, self.last_seq, standby.restored)
+        {
+            match checkpoints.take() {
+                Some((seq, mut state)) if seq >= last => {
+                    self.stage.load_state(&mut state, seq)?;
+                    standby.restored = true;
+                }
+                _ => {
+                    checkpoints.ask()?;
+                    self.join.limit(0);
+                    return Ok(false);
+                }
+            }
+        }
+        let Some((seq, stands_alone)) = standby.follower.front() else {
+            let promotion = standby.promotion;
+            self.join.limit(0);
+            return promotion.map_or(Ok(false), |promotion| self.take_over(promotion));
+        };
+        let stage = &mut self.stage;
+        let mut readiness = None;
+        let mut frame = None;
+        if !stands_alone {
+            self.join.limit(seq.saturating_add(1));
+            let follower = &standby.follower;
+            frame = self.join.next(&mut self.reporter, |input, frame, _| {
+                let routed = follower.first().filter(|_| frame.seq == seq);
+                readiness = Some(stage.follow(input, routed)?);
+                Ok::<FrameHeader, StageError>(*frame)
+            });
+        }
+        let handled = match frame.transpose()? {
+            Some(frame) => {
+                standby.ended |= frame.flags & frame_flags::END_OF_STREAM != 0;
+                frame.seq
+            }
+            None if stands_alone || self.join.front().is_some_and(|front| front > seq) => {
+                if let Some(routed) = standby.follower.first() {
+                    stage.adopt(routed)?;
+                }
+                seq
+            }
+            None => return Ok(false),
+        };
+        if handled == seq {
+            if let Some(routed) = standby.follower.first() {
+                self.output.note(&routed);
+            }
+            standby.follower.pop();
+        }
+        // What was missed has to be asked for again.
+        standby.restored &= self.last_seq.is_none_or(|last| handled <= last.saturating_add(1));
+        self.last_seq = Some(handled);
+        self.reporter.followed(handled);
+        match readiness {
+            Some(Readiness::Following) => self.reporter.change(StageState::Following)?,
+            Some(Readiness::Ready) => self.reporter.change(StageState::Ready)?,
+            None => {}
+        }
+        Ok(true)
+    }
+
+    fn take_over(&mut self, promotion: Promotion) -> Result<bool, RunError> {
+        let Role::Follow(standby) = std::mem::replace(&mut self.role, Role::Lead) else { return Ok(false) };
+        self.leads_from = self.last_seq.map_or(0, |seq| seq.saturating_add(1));
+        if promotion.alone {
+            // Who was killed may have handed its last output to some of its readers only.
+            if let Some(routed) = standby.follower.last() {
+                self.output.repeat(routed)?;
+            }
+            if let (Some(ack), Some(seq)) = (&self.ack, self.last_seq) {
+                ack.send(seq, false)?;
+            }
+        } else {
+            self.leads_from = self.leads_from.max(promotion.from_seq);
+        }
+        self.join.limit(u64::MAX);
+        self.reporter.forget();
+        self.reporter.odometry = self.output.odometry();
+        self.reporter.change(StageState::Running)?;
+        self.ended = standby.ended;
+        if self.ended {
+            self.end()?;
+            if let (Some(ack), Some(seq)) = (&self.ack, self.last_seq) {
+                ack.send(seq, true)?;
+            }
         }
         Ok(true)
     }

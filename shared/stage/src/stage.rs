@@ -2,7 +2,8 @@
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use crate::Rig;
+use crate::follow::{Followed, Readiness, Routed};
+use crate::{Rig, State};
 
 /// A stage: a pure function of its inputs and its own state. It sees plain slices, never shared memory, clocks or files
 /// (sinks excepted, whose work is files).
@@ -14,13 +15,22 @@ pub trait Stage: Sized {
     /// What `process` is called with; see the types in [`crate::input`](crate).
     type Input<'a>;
     /// What `process` writes to.
-    type Output;
+    type Output: Followed;
 
     /// Builds the stage; allocates everything it will need.
     ///
     /// # Errors
     /// [`StageError::Config`] for values that do not fit together or with the rig.
     fn new(config: Self::Config, rig: &Rig) -> Result<Self, StageError>;
+
+    /// Called once before the first frame with the whole pipeline as TOML, empty for a stage that runs without one. For stages
+    /// that describe what they write.
+    ///
+    /// # Errors
+    /// As `new`.
+    fn begin(&mut self, _pipeline: &str) -> Result<(), StageError> {
+        Ok(())
+    }
 
     /// Handles one frame. After warm-up it neither allocates nor locks.
     ///
@@ -32,6 +42,41 @@ pub trait Stage: Sized {
         output: &mut Self::Output,
         counters: &mut Counters,
     ) -> Result<(), StageError>;
+
+    /// A standby's frame: what `process` would be called with and, where it came, what the routed instance put out for it. Comes
+    /// to the same state as if it had put that out itself, and says whether it could take over with the next frame.
+    ///
+    /// The default is that of a stage without memory; sinks must write no file here.
+    ///
+    /// # Errors
+    /// As `process`.
+    fn follow(
+        &mut self,
+        _input: Self::Input<'_>,
+        _routed: Option<Routed<'_, Self::Output>>,
+    ) -> Result<Readiness, StageError> {
+        Ok(Readiness::Ready)
+    }
+
+    /// What the routed instance put out that no input of this standby belongs to, such as the map's snapshot.
+    ///
+    /// # Errors
+    /// As `process`.
+    fn adopt(&mut self, _routed: Routed<'_, Self::Output>) -> Result<(), StageError> {
+        Ok(())
+    }
+
+    /// A sink's state so far that a standby cannot have from its inputs: the way before it came, for example.
+    fn save_state(&self, _state: &mut State) {}
+
+    /// Takes over what the sink that leads had gathered after frame `seq`, in the place of what this one has seen itself. The next
+    /// frames may still be older: of these only the map is news.
+    ///
+    /// # Errors
+    /// [`StageError::File`] where it cannot be read.
+    fn load_state(&mut self, _state: &mut State, _seq: u64) -> Result<(), StageError> {
+        Ok(())
+    }
 
     /// Answers requests of other stages. Called after every frame and, while none comes, at least once a second, also after
     /// the last one. Where nothing is asked for it neither allocates nor locks.

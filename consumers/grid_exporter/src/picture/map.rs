@@ -3,7 +3,7 @@
 use evac_formats::occupancy_grid::{FREE, OCCUPIED, OccupancyGrid, UNKNOWN};
 use evac_picture::{Canvas, Colour, Frame, text_height, text_width};
 
-use crate::path::Path;
+use crate::path::Route;
 
 use super::{END, HATCH, INK, METRE_LINE, PAPER, PATH_FIRST, PATH_LAST, START, UNSEEN, WALL};
 
@@ -20,13 +20,23 @@ pub(super) struct MapView<'a> {
 }
 
 impl MapView<'_> {
-    pub(super) fn draw(&self, canvas: &mut Canvas, path: &Path) {
+    pub(super) fn draw(&self, canvas: &mut Canvas, route: &Route) {
         self.draw_cells(canvas);
+        self.draw_border(canvas);
+        canvas.clip(self.frame);
+        self.draw_path(canvas, route);
+        canvas.unclip();
+    }
+
+    /// The metre grid, its numbers, and the frame.
+    pub(super) fn draw_border(&self, canvas: &mut Canvas) {
         self.draw_metre_grid(canvas);
         canvas.outline(self.frame, self.dot / 2, INK);
-        canvas.clip(self.frame);
-        self.draw_path(canvas, path);
-        canvas.unclip();
+    }
+
+    /// The cell at a pixel counted from the lower left corner; of several the first.
+    pub(super) fn cell_at(&self, x: u32, y: u32) -> (u32, u32) {
+        (x / self.scale * self.reduction, y / self.scale * self.reduction)
     }
 
     /// Pixels of one metre.
@@ -53,7 +63,7 @@ impl MapView<'_> {
     /// What is shown at a pixel counted from the lower left corner; of several cells an obstacle
     /// where there is one, else what most of them are.
     fn cell(&self, x: u32, y: u32) -> i8 {
-        let (x, y) = (x / self.scale * self.reduction, y / self.scale * self.reduction);
+        let (x, y) = self.cell_at(x, y);
         let rows = y..(y + self.reduction).min(self.grid.height);
         let columns = x..(x + self.reduction).min(self.grid.width);
         let at = |x: u32, y: u32| self.grid.cells.get(y as usize * self.grid.width as usize + x as usize);
@@ -101,10 +111,11 @@ impl MapView<'_> {
         }
     }
 
-    fn draw_path(&self, canvas: &mut Canvas, path: &Path) {
-        let points: Vec<[f64; 2]> = path.points().map(|[x, y, _]| self.pixel(x, y)).collect();
+    fn draw_path(&self, canvas: &mut Canvas, route: &Route) {
         let width = 1.6 * self.dot as f64;
-        let pairs = || points.iter().zip(points.iter().skip(1));
+        let legs: Vec<Vec<[f64; 2]>> =
+            route.legs.iter().map(|leg| leg.iter().map(|[x, y]| self.pixel(*x, *y)).collect()).collect();
+        let pairs = || legs.iter().flat_map(|leg| leg.iter().zip(leg.iter().skip(1)));
         for (a, b) in pairs() {
             canvas.line(*a, *b, 2.0 * width, PAPER);
         }
@@ -121,9 +132,12 @@ impl MapView<'_> {
                 next_arrow = done + 60.0 * self.dot as f64;
             }
         }
-        if let (Some(start), Some(end)) = (points.first(), points.last()) {
-            start_marker(canvas, *start, self.dot);
-            end_marker(canvas, *end, self.dot);
+        let [start, end] = route.has_ends;
+        if let Some(place) = legs.first().and_then(|leg| leg.first()).filter(|_| start) {
+            start_marker(canvas, *place, self.dot);
+        }
+        if let Some(place) = legs.last().and_then(|leg| leg.last()).filter(|_| end) {
+            end_marker(canvas, *place, self.dot);
         }
     }
 
@@ -170,7 +184,7 @@ fn multiples(start: f64, length: f64, step: f64) -> impl Iterator<Item = f64> {
         .map(move |i| (first + i as f64) * step + 0.0)
 }
 
-fn blend(a: Colour, b: Colour, share: f64) -> Colour {
+pub(super) fn blend(a: Colour, b: Colour, share: f64) -> Colour {
     let mut colour = a;
     for (value, (a, b)) in colour.iter_mut().zip(a.iter().zip(b)) {
         *value = (f64::from(*a) + (f64::from(b) - f64::from(*a)) * share).round() as u8;

@@ -1,5 +1,6 @@
 //! Ground filter (paper section 3.1, filter 3): large contiguous surfaces, low and of small tilt.
 
+mod columns;
 mod moments;
 mod patch;
 mod surfaces;
@@ -8,9 +9,11 @@ use std::collections::VecDeque;
 
 use moments::Plane;
 use patch::Patch;
-use surfaces::{NONE, Surfaces};
+use surfaces::{NONE, Surface, Surfaces};
 
 use crate::GroundConfig;
+
+pub(crate) use columns::{CloudGround, GroundColumns};
 
 /// Patches of earlier scans that are remembered.
 const MEMORY: usize = 16;
@@ -57,7 +60,7 @@ impl GroundFilter {
 
     /// One flag a point of a scan: whether it is ground. `sensor` is where it was seen from, in the same frame, metres.
     pub fn ground_of_scan(&mut self, points: &[[f32; 3]], sensor: [f64; 3]) -> &[bool] {
-        self.find_patches(points, Some(sensor), [0.0; 3]);
+        self.find_patches(points, sensor);
         if self.config.enabled {
             self.remember();
             self.extend();
@@ -66,31 +69,21 @@ impl GroundFilter {
         &self.ground
     }
 
-    /// One flag a point of a whole cloud: whether it is ground of any level.
-    pub fn ground_of_cloud(&mut self, points: &[[f32; 3]]) -> &[bool] {
-        let first = points.iter().find(|point| point.iter().all(|x| x.is_finite()));
-        let origin = first.map_or([0.0; 3], |point| point.map(f64::from));
-        self.find_patches(points, None, origin);
-        if self.config.enabled {
-            self.mark(points);
-        }
-        &self.ground
+    /// Whether what is remembered of earlier scans is all that ever will be: as if all scans had been seen.
+    pub fn is_warm(&self) -> bool {
+        self.known.len() >= MEMORY || !self.config.enabled
     }
 
-    fn find_patches(&mut self, points: &[[f32; 3]], sensor: Option<[f64; 3]>, origin: [f64; 3]) {
+    fn find_patches(&mut self, points: &[[f32; 3]], sensor: [f64; 3]) {
         self.ground.clear();
         self.ground.resize(points.len(), false);
         if !self.config.enabled {
             return;
         }
-        self.surfaces.find(&self.config, points, origin);
+        self.surfaces.find(&self.config, points, [0.0; 3]);
         patch::join(&self.config, &mut self.surfaces, &mut self.patches, &mut self.stack);
-        patch::judge(&self.config, &self.surfaces, &mut self.patches, sensor);
-        self.planes.clear();
-        for surface in &self.surfaces.list {
-            let patch = self.patches.get(surface.patch as usize).filter(|patch| patch.ground);
-            self.planes.push(patch.and(surface.plane));
-        }
+        patch::judge(&self.config, &self.surfaces, &mut self.patches, Some(sensor));
+        planes_of(&self.surfaces, &self.patches, &mut self.planes);
     }
 
     /// Keeps the even patches of this scan for the next ones.
@@ -136,12 +129,32 @@ impl GroundFilter {
                 continue;
             }
             let [from, to] = cell.entries;
+            let [first, end] = cell.surfaces;
+            let cell_surfaces = &self.surfaces.list[first as usize..end as usize];
+            let above = thickness_above(&self.config, cell_surfaces);
             for entry in &self.surfaces.entries[from as usize..to as usize] {
                 let [x, y, z] = self.surfaces.relative(points[entry.index as usize]);
-                let on = |plane: &Plane| (z - plane.height(x, y)).abs() <= self.config.thickness_m;
+                let on =
+                    |plane: &Plane| (-self.config.thickness_m..=above).contains(&(z - plane.height(x, y)));
                 self.ground[entry.index as usize] = planes().any(on);
             }
         }
+    }
+}
+
+/// How far above the ground's plane a cell's points are ground. Where something stands in the cell, half as far: of a wall, a
+/// riser or a bench more stays, and ground so near to them spreads less than that.
+fn thickness_above(config: &GroundConfig, surfaces: &[Surface]) -> f64 {
+    let foot = surfaces.iter().any(|surface| surface.foot);
+    if foot { 0.5 * config.thickness_m } else { config.thickness_m }
+}
+
+/// By surface, its plane where it is part of the ground.
+fn planes_of(surfaces: &Surfaces, patches: &[Patch], planes: &mut Vec<Option<Plane>>) {
+    planes.clear();
+    for surface in &surfaces.list {
+        let patch = patches.get(surface.patch as usize).filter(|patch| patch.ground);
+        planes.push(patch.and(surface.plane));
     }
 }
 

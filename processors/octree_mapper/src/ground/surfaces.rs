@@ -36,7 +36,7 @@ pub(super) struct Surface {
     pub(super) moments: Moments,
     pub(super) mean: [f64; 3],
     /// Whether points go on above it without a gap: the foot of something, of no use for planes.
-    foot: bool,
+    pub(super) foot: bool,
     /// Plane through this surface and those beside it, where it is horizontal.
     pub(super) plane: Option<Plane>,
     /// Index of its patch or [`NONE`].
@@ -44,7 +44,7 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    fn new(cell: u32) -> Self {
+    pub(super) fn new(cell: u32) -> Self {
         Self { cell, moments: Moments::default(), mean: [0.0; 3], foot: false, plane: None, patch: NONE }
     }
 }
@@ -74,10 +74,23 @@ impl Surfaces {
         self.origin = origin;
         self.sort(config, points);
         self.split(config, points);
+        self.complete(config);
+    }
+
+    /// Finds means, neighbours and local planes where cells and moments are known.
+    pub(super) fn complete(&mut self, config: &GroundConfig) {
+        for surface in &mut self.list {
+            surface.mean = surface.moments.mean();
+        }
         self.connect();
         for i in 0..self.list.len() {
             self.list[i].plane = self.local_plane(config, i);
         }
+    }
+
+    /// Adds a cell whose points are not held; cells come in the order of their keys.
+    pub(super) fn push_cell(&mut self, key: u64, surfaces: [u32; 2]) {
+        self.cells.push(Cell { key, entries: [0; 2], surfaces, neighbours: [NONE; 8] });
     }
 
     /// A point relative to the origin.
@@ -144,9 +157,6 @@ impl Surfaces {
             });
             first += run.len() as u32;
         }
-        for surface in &mut self.list {
-            surface.mean = surface.moments.mean();
-        }
     }
 
     /// Finds every cell's neighbours by a binary search in each of the two other rows.
@@ -194,12 +204,12 @@ impl Surfaces {
     }
 }
 
-fn column(value: f64) -> u32 {
+pub(super) fn column(value: f64) -> u32 {
     // Biased so that the order of the unsigned numbers is that of the signed ones.
     (value.floor() as i32 as u32) ^ 0x8000_0000
 }
 
-fn key(x: u32, y: u32) -> u64 {
+pub(super) fn key(x: u32, y: u32) -> u64 {
     u64::from(y) << 32 | u64::from(x)
 }
 

@@ -94,6 +94,17 @@ impl Filter {
         }
     }
 
+    /// What nothing has been learnt of: the covariance at the start.
+    pub(crate) fn at_start_covariance(&self) -> Covariance {
+        self.at_start.1
+    }
+
+    /// Takes the time offset for one that has settled long ago, and does not wait for its search to map.
+    pub(crate) fn settle_offset(&mut self) {
+        self.started_ns -= (10.0 * OFFSET_SETTLES_S * 1e9) as i64;
+        self.withheld = u32::MAX;
+    }
+
     /// Whether noise and gates are those of the loose mode.
     pub(crate) fn is_loose(&self) -> bool {
         self.monitor.is_lost() || self.settling.is_some()

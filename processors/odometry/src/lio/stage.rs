@@ -4,11 +4,12 @@
 use evac_frames::{Point, PoseFrame, TrackingState};
 use evac_geometry::nalgebra::{Isometry3, Vector3};
 use evac_geometry::{MotionState, StandstillDetector};
-use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu, Stage, StageConfig, StageError};
+use evac_stage::{Counters, PoseOutput, Readiness, Rig, ScanWithImu, Stage, StageConfig, StageError};
 
 use super::config::LioConfig;
 use super::correction::Report;
 use super::filter::Filter;
+use super::follow::Following;
 use super::imu::ImuTrack;
 use super::initialisation::{Initialiser, Start};
 use super::matching::{Match, Selected};
@@ -83,6 +84,7 @@ pub struct Lio {
     pub(crate) matches: Vec<Match>,
     pub(crate) trace: Vec<TracePoint>,
     previous_end_ns: Option<i64>,
+    pub(crate) following: Following,
     pub(crate) diagnostics: Diagnostics,
     /// For calibration: each scan is also matched by itself, with this result.
     pub(crate) orients_scans: bool,
@@ -120,6 +122,7 @@ impl Stage for Lio {
             matches: Vec::with_capacity(MAX_SELECTED),
             trace: Vec::with_capacity(MAX_TRACE),
             previous_end_ns: None,
+            following: Following::default(),
             diagnostics: Diagnostics::default(),
             orients_scans: false,
             orientation: None,
@@ -140,6 +143,14 @@ impl Stage for Lio {
         self.diagnostics.imu_in_g = self.track.is_in_g();
         output.publish(&pose)
     }
+
+    fn follow(
+        &mut self,
+        input: ScanWithImu<'_>,
+        routed: Option<&PoseFrame>,
+    ) -> Result<Readiness, StageError> {
+        Ok(self.follow_pose(&input, routed))
+    }
 }
 
 impl Lio {
@@ -148,14 +159,14 @@ impl Lio {
         &self.diagnostics
     }
 
-    fn pose_of(&mut self, input: &ScanWithImu<'_>, counters: &mut Counters) -> PoseFrame {
+    /// Takes the frame's times and readings in; gives the seconds since the frame before and whether a new clock began, or
+    /// nothing for a frame from the past or of no length, which changes nothing.
+    pub(crate) fn advance(&mut self, input: &ScanWithImu<'_>) -> Option<(f64, bool)> {
         let frame = &input.header.frame;
         let previous_end_ns = self.previous_end_ns.unwrap_or(frame.start_ns);
         let gap_s = frame.end_ns.saturating_sub(previous_end_ns) as f64 * 1e-9;
         if (-MAX_RETURN_S..=0.0).contains(&gap_s) {
-            // A frame from the past, or of no length, changes nothing.
-            counters.late += 1;
-            return self.last_pose(input);
+            return None;
         }
         self.previous_end_ns = Some(frame.end_ns);
         let new_clock = !(-MAX_RETURN_S..MAX_GAP_S).contains(&gap_s);
@@ -169,6 +180,15 @@ impl Lio {
             self.offset_search.push_rate(sample.stamp_ns, sample.gyro.into());
         });
         self.glides &= self.detector.state() == MotionState::Still;
+        Some((gap_s, new_clock))
+    }
+
+    pub(crate) fn pose_of(&mut self, input: &ScanWithImu<'_>, counters: &mut Counters) -> PoseFrame {
+        let Some((gap_s, new_clock)) = self.advance(input) else {
+            counters.late += 1;
+            return self.last_pose(input);
+        };
+        let frame = &input.header.frame;
         match &mut self.filter {
             None => self.wait(input, gap_s, counters),
             Some(filter) if new_clock => {

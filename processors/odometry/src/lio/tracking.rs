@@ -103,7 +103,7 @@ impl Lio {
     }
 
     /// Carries the filter on to the frame's end; returns whether the IMU was silent for most of it, so that the LiDAR leads.
-    fn predict(&mut self, filter: &mut Filter, input: &ScanWithImu<'_>) -> bool {
+    pub(crate) fn predict(&mut self, filter: &mut Filter, input: &ScanWithImu<'_>) -> bool {
         filter.frame = filter.frame.wrapping_add(1);
         let end_ns = input.header.frame.end_ns - filter.state.offset_ns();
         let at_rest = self.is_at_rest(filter.stamp_ns);
@@ -156,7 +156,7 @@ impl Lio {
     }
 
     /// Takes points in the LiDAR frame at the frame's end, and those of them that go to the match; returns how many are none.
-    fn take_points(&mut self, end: &State, frame: usize, input: &ScanWithImu<'_>) -> u64 {
+    pub(crate) fn take_points(&mut self, end: &State, frame: usize, input: &ScanWithImu<'_>) -> u64 {
         let deskewed = input.header.scan_flags & scan_flags::DESKEWED != 0;
         let mut deskew = (!deskewed).then(|| Deskew::new(&self.trace, end, &self.imu_from_lidar));
         let start_ns = input.header.frame.start_ns - end.offset_ns();

@@ -14,6 +14,7 @@ mod centroid_map;
 mod config;
 mod features;
 mod filter;
+mod follow;
 mod monitor;
 mod motion;
 mod nearest;

@@ -4,12 +4,13 @@
 use evac_frames::{PoseFrame, TrackingState, scan_flags};
 use evac_geometry::StandstillDetector;
 use evac_geometry::nalgebra::Isometry3;
-use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu, Stage, StageConfig, StageError};
+use evac_stage::{Counters, PoseOutput, Readiness, Rig, ScanWithImu, Stage, StageConfig, StageError};
 
 use super::centroid_map::CentroidMap;
 use super::config::LoamConfig;
 use super::features::Features;
 use super::filter::Filter;
+use super::follow::Following;
 use super::monitor::Monitor;
 use super::motion::{Motion, Span};
 use super::observability::Degeneracy;
@@ -67,6 +68,7 @@ pub struct Loam {
     /// The map's z is against gravity.
     pub(crate) levelled: bool,
     previous_end_ns: Option<i64>,
+    pub(crate) following: Following,
     pub(crate) diagnostics: LoamDiagnostics,
 }
 
@@ -103,6 +105,7 @@ impl Stage for Loam {
             drift: Drift::default(),
             levelled: false,
             previous_end_ns: None,
+            following: Following::default(),
             diagnostics: LoamDiagnostics::default(),
         })
     }
@@ -119,6 +122,14 @@ impl Stage for Loam {
         self.diagnostics.evicted_voxels = self.surface_map.evicted + self.edge_map.evicted;
         output.publish(&pose)
     }
+
+    fn follow(
+        &mut self,
+        input: ScanWithImu<'_>,
+        routed: Option<&PoseFrame>,
+    ) -> Result<Readiness, StageError> {
+        Ok(self.follow_pose(&input, routed))
+    }
 }
 
 impl Loam {
@@ -127,14 +138,19 @@ impl Loam {
         &self.diagnostics
     }
 
-    fn pose_of(&mut self, input: &ScanWithImu<'_>, counters: &mut Counters) -> PoseFrame {
+    /// Takes the frame's times, readings and features in; nothing for a frame from the past or of no length, which changes
+    /// nothing.
+    pub(crate) fn advance<'a>(
+        &mut self,
+        input: &ScanWithImu<'a>,
+        counters: &mut Counters,
+    ) -> Option<Span<'a>> {
         let frame = &input.header.frame;
         let previous_end_ns = self.previous_end_ns.unwrap_or(frame.start_ns);
         let gap_s = frame.end_ns.saturating_sub(previous_end_ns) as f64 * 1e-9;
         if (-MAX_RETURN_S..=0.0).contains(&gap_s) {
-            // A frame from the past, or of no length, changes nothing.
             counters.late += 1;
-            return self.last_pose(input, TrackingState::Lost);
+            return None;
         }
         self.previous_end_ns = Some(frame.end_ns);
         let frame_s = frame.end_ns.saturating_sub(frame.start_ns) as f64 * 1e-9;
@@ -157,7 +173,13 @@ impl Loam {
         counters.rejected += self.features.extract(input.points);
         self.diagnostics.surfaces = self.features.surfaces.len() as u64;
         self.diagnostics.edges = self.features.edges.len() as u64;
-        let span = Span { end_ns: frame.end_ns, h, imu, levelled: self.levelled };
+        Some(Span { end_ns: frame.end_ns, h, imu, levelled: self.levelled })
+    }
+
+    pub(crate) fn pose_of(&mut self, input: &ScanWithImu<'_>, counters: &mut Counters) -> PoseFrame {
+        let Some(span) = self.advance(input, counters) else {
+            return self.last_pose(input, TrackingState::Lost);
+        };
         match self.filter {
             None => self.wait(input, &span),
             Some(filter) => self.track_frame(input, &span, filter, counters),

@@ -208,7 +208,7 @@ impl Loam {
     }
 
     /// Adds the features of the present scan, and gives up what is far.
-    fn map_scan(&mut self, filter: &Filter, sweep: &Sweep) {
+    pub(crate) fn map_scan(&mut self, filter: &Filter, sweep: &Sweep) {
         let path = Path::new(sweep, (filter.position, filter.rotation));
         let lidar = filter.position + filter.rotation * self.imu_from_lidar.translation.vector;
         for (list, map) in
@@ -223,7 +223,7 @@ impl Loam {
         }
     }
 
-    fn clear_map(&mut self) {
+    pub(crate) fn clear_map(&mut self) {
         self.surface_map.clear();
         self.edge_map.clear();
     }
@@ -236,7 +236,7 @@ pub(crate) fn loosen(filter: &mut Filter) {
 }
 
 /// Where the scan's points are between the frame before and this one.
-fn sweep(input: &ScanWithImu<'_>, before: &Filter) -> Sweep {
+pub(crate) fn sweep(input: &ScanWithImu<'_>, before: &Filter) -> Sweep {
     let frame = &input.header.frame;
     Sweep {
         from: before.map_from_imu(),

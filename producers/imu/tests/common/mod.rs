@@ -14,6 +14,9 @@ use tempfile::TempDir;
 /// Longer than anything here takes.
 const WATCHDOG: Duration = Duration::from_secs(60);
 
+/// Of one call: a read that waits in vain makes an error, which is allocated.
+const PATIENCE: Duration = Duration::from_millis(500);
+
 /// One g in raw words.
 pub(crate) const ONE_G: i16 = 2048;
 
@@ -34,7 +37,7 @@ impl Driver {
     }
 
     pub(crate) fn serve(&mut self) {
-        self.imu.serve(&mut self.output, &mut self.reporter, Duration::from_millis(50)).unwrap();
+        self.imu.serve(&mut self.output, &mut self.reporter, PATIENCE).unwrap();
     }
 
     /// Runs until `done`.

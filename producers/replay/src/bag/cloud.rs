@@ -1,6 +1,6 @@
 //! One message of points as a scan whose times may still be open.
 
-use evac_formats::ros1::{CustomMsg, PointCloud2, TimeUnit};
+use evac_formats::ros::{CustomMsg, PointCloud2, TimeUnit};
 use evac_frames::Point;
 
 /// Seconds of this many nanoseconds and more are dates, not times since the cloud's stamp.

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use evac_formats::FormatError;
-use evac_formats::ros1::Imu;
-use evac_formats::rosbag::{BagIndex, BagReader};
+use evac_formats::bag::{Bag, Messages};
+use evac_formats::ros::Imu;
 use evac_frames::ImuSample;
 use evac_stage::{Counters, StageError};
 
@@ -19,7 +19,7 @@ const UNIT_SAMPLES: usize = 400;
 
 /// IMU messages in the order of the bag; one whose stamp does not rise is left out.
 pub(super) struct BagImu {
-    messages: Messages,
+    samples: Samples,
     /// m/s^2 of one unit of the messages.
     unit: f64,
     offset_ns: i64,
@@ -32,19 +32,20 @@ pub(super) struct BagImu {
     told: bool,
 }
 
-struct Messages {
+struct Samples {
     path: PathBuf,
-    topic: String,
-    reader: BagReader,
+    topic: Topic,
+    messages: Messages,
 }
 
 impl BagImu {
-    pub(super) fn open(index: &BagIndex, topic: Topic, config: &Config) -> Result<Self, StageError> {
-        let open = || {
-            let reader = BagReader::new(index, &topic.connections).map_err(file)?;
-            Ok(Messages { path: index.path().to_owned(), topic: topic.name.clone(), reader })
+    pub(super) fn open(bag: &Bag, topic: Topic, config: &Config) -> Result<Self, StageError> {
+        let open = || Samples {
+            path: bag.path().to_owned(),
+            topic: topic.clone(),
+            messages: Messages::new(bag, &topic.connections),
         };
-        let (mut first, mut norms, mut ahead) = (None, Vec::with_capacity(UNIT_SAMPLES), open()?);
+        let (mut first, mut norms, mut ahead) = (None, Vec::with_capacity(UNIT_SAMPLES), open());
         while norms.len() < UNIT_SAMPLES {
             let Some(ImuSample { stamp_ns, accel, .. }) = ahead.next().map_err(file)? else { break };
             first = first.or(Some(stamp_ns));
@@ -59,21 +60,21 @@ impl BagImu {
                     StageError::File(format!(
                         "{}: specific force on {} has a median length of {norm:.3}, neither about 1 (g) nor about 9.8 \
                          (m/s^2); set imu_unit",
-                        index.path().display(),
+                        bag.path().display(),
                         topic.name
                     ))
                 })?;
                 tracing::info!(
                     "{}: {} has a median specific force of {norm:.3}, so its unit is {name}",
-                    index.path().display(),
+                    bag.path().display(),
                     topic.name
                 );
                 unit
             }
         };
-        let (offset_ns, messages) = (config.imu_offset_ns(), open()?);
+        let (offset_ns, samples) = (config.imu_offset_ns(), open());
         let first_ns = first.unwrap_or_default().saturating_add(offset_ns);
-        Ok(Self { messages, unit, offset_ns, first_ns, last_ns: None, late: 0, rejected: 0, told: false })
+        Ok(Self { samples, unit, offset_ns, first_ns, last_ns: None, late: 0, rejected: 0, told: false })
     }
 
     pub(super) fn first_ns(&self) -> i64 {
@@ -81,7 +82,7 @@ impl BagImu {
     }
 
     fn tell(&self) {
-        let (file, topic) = (self.messages.path.display(), &self.messages.topic);
+        let (file, topic) = (self.samples.path.display(), &self.samples.topic.name);
         for (number, what) in
             [(self.late, "whose stamps do not rise"), (self.rejected, "with values that are not finite")]
         {
@@ -94,7 +95,7 @@ impl BagImu {
 
 impl ImuStream for BagImu {
     fn next_sample(&mut self) -> Result<Option<ImuSample>, FormatError> {
-        while let Some(ImuSample { stamp_ns, gyro, accel, .. }) = self.messages.next()? {
+        while let Some(ImuSample { stamp_ns, gyro, accel, .. }) = self.samples.next()? {
             if self.last_ns.is_some_and(|last| stamp_ns <= last) {
                 self.late += 1;
                 continue;
@@ -118,12 +119,14 @@ impl ImuStream for BagImu {
     }
 }
 
-impl Messages {
+impl Samples {
     /// The next message as it is, in its own unit.
     fn next(&mut self) -> Result<Option<ImuSample>, FormatError> {
-        let Some(message) = self.reader.next_message()? else { return Ok(None) };
-        let imu = Imu::parse(message.data)
-            .map_err(|cause| bad_message(&self.path, &message, &self.topic, &cause.to_string()))?;
+        let Some(message) = self.messages.next_message()? else { return Ok(None) };
+        let offset = message.offset;
+        let imu = Imu::parse(message.data, self.topic.encoding);
+        let bad = |cause: String| bad_message(&self.path, offset, &self.topic.name, &cause);
+        let imu = imu.map_err(|cause| bad(cause.to_string()))?;
         let Imu { header, gyro, accel } = imu;
         Ok(Some(ImuSample { stamp_ns: header.stamp_ns, gyro, accel, ..ImuSample::default() }))
     }

@@ -1,6 +1,7 @@
-//! ROS 1 bags: Livox `CustomMsg` or `PointCloud2`, and `Imu`.
+//! Bags of ROS 1 and ROS 2: Livox `CustomMsg` or `PointCloud2`, and `Imu`.
 
 mod cloud;
+mod exact;
 mod imu;
 mod scans;
 mod topics;
@@ -8,7 +9,7 @@ mod topics;
 use std::path::Path;
 
 use evac_formats::FormatError;
-use evac_formats::rosbag::{BagIndex, BagMessage};
+use evac_formats::bag::Bag;
 use evac_stage::StageError;
 
 use crate::Config;
@@ -26,14 +27,20 @@ pub(crate) fn open(config: &Config) -> Result<Recording, StageError> {
     let Some(path) = &config.bag else {
         return Err(StageError::Config("bag is not set: name the recording".to_owned()));
     };
-    let index = BagIndex::read(path, config.allow_truncated).map_err(file)?;
-    if let Some(offset) = index.truncated_at() {
-        tracing::warn!("{}: the bag is cut off at byte {offset}; what is before is used", path.display());
+    let bag = Bag::open(path, config.allow_truncated).map_err(file)?;
+    for (part, offset) in bag.truncated() {
+        tracing::warn!("{}: cut off at byte {offset}; what is before is used", part.display());
     }
-    let lidar = choose_lidar(&index, config.lidar_topic.as_deref())?;
-    let imu = choose_imu(&index, config.imu_topic.as_deref())?;
-    let scans = BagScans::open(&index, lidar, config).map_err(file)?;
-    let imu = BagImu::open(&index, imu, config)?;
+    if config.lidar_topic.is_none()
+        && config.imu_topic.is_none()
+        && let Some(recording) = exact::open(&bag)?
+    {
+        return Ok(recording);
+    }
+    let lidar = choose_lidar(&bag, config.lidar_topic.as_deref())?;
+    let imu = choose_imu(&bag, config.imu_topic.as_deref())?;
+    let scans = BagScans::open(&bag, lidar, config).map_err(file)?;
+    let imu = BagImu::open(&bag, imu, config)?;
     let apart = seconds(imu.first_ns().saturating_sub(scans.first_ns()));
     if apart.abs() > MAX_APART_S {
         let text = format!(
@@ -47,8 +54,8 @@ pub(crate) fn open(config: &Config) -> Result<Recording, StageError> {
     Ok(Recording { scans: Box::new(scans), imu: Box::new(imu) })
 }
 
-/// A message that is not what its type says.
-fn bad_message(path: &Path, message: &BagMessage<'_>, topic: &str, cause: &str) -> FormatError {
-    let remedy = "the bag is damaged there: copy it again, or cut it with `rosbag filter`";
-    FormatError::malformed(path, message.offset, format!("message on {topic}: {cause}"), remedy)
+/// A message at `offset` that is not what its type says.
+fn bad_message(path: &Path, offset: u64, topic: &str, cause: &str) -> FormatError {
+    let remedy = "the bag is damaged there: copy it again, or cut it with `rosbag filter` or `mcap filter`";
+    FormatError::malformed(path, offset, format!("message on {topic}: {cause}"), remedy)
 }

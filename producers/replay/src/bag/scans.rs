@@ -1,10 +1,8 @@
 //! Messages of points as scans.
 
-use std::path::PathBuf;
-
 use evac_formats::FormatError;
-use evac_formats::ros1::{CustomMsg, PointCloud2, TimeUnit};
-use evac_formats::rosbag::{BagIndex, BagMessage, BagReader};
+use evac_formats::bag::{Bag, BagMessage, Messages};
+use evac_formats::ros::{CustomMsg, PointCloud2, TimeUnit};
 use evac_frames::{FrameHeader, Point, ScanHeader, frame_flags, scan_flags};
 use evac_stage::Counters;
 
@@ -19,7 +17,7 @@ const SPACED_CLOUDS: usize = 10;
 
 /// One message is one scan. It begins at its time base (`CustomMsg`) or stamp (`PointCloud2`). A cloud without times is spread over the time to the next one.
 pub(super) struct BagScans {
-    messages: Messages,
+    clouds: Clouds,
     /// The next scan; the one after it is read before it goes out, to know whether it is the last.
     ahead: Option<Cloud>,
     /// Its buffer when there is none ahead.
@@ -33,10 +31,9 @@ pub(super) struct BagScans {
     rejected: u64,
 }
 
-struct Messages {
-    path: PathBuf,
+struct Clouds {
     topic: Topic,
-    reader: BagReader,
+    messages: Messages,
     unit: Option<TimeUnit>,
     last_start: Option<i64>,
     late: u64,
@@ -45,19 +42,19 @@ struct Messages {
 }
 
 impl BagScans {
-    pub(super) fn open(index: &BagIndex, topic: Topic, config: &Config) -> Result<Self, FormatError> {
-        let mut messages = Messages::open(index, &topic)?;
+    pub(super) fn open(bag: &Bag, topic: Topic, config: &Config) -> Result<Self, FormatError> {
+        let mut clouds = Clouds::open(bag, &topic);
         let mut first = Cloud::default();
-        let ahead = messages.read(&mut first)?.then_some(first);
+        let ahead = clouds.read(&mut first)?.then_some(first);
         let first_ns = ahead.as_ref().map_or(0, |cloud| cloud.start_ns);
         let mut length_ns = config.scan_period_ns();
         if ahead.as_ref().is_some_and(|cloud| cloud.last_ns.is_none()) {
-            let (file, name) = (index.path().display(), &topic.name);
+            let (file, name) = (bag.path().display(), &topic.name);
             tracing::warn!("{file}: points on {name} carry no time; they are spread evenly over each scan");
-            length_ns = Messages::open(index, &topic)?.usual_spacing(length_ns)?;
+            length_ns = Clouds::open(bag, &topic).usual_spacing(length_ns)?;
         }
         Ok(Self {
-            messages,
+            clouds,
             ahead,
             spare: Cloud::default(),
             first_ns,
@@ -77,7 +74,7 @@ impl ScanStream for BagScans {
     fn next_scan(&mut self, points: &mut Vec<Point>) -> Result<Option<ScanHeader>, FormatError> {
         let Some(mut cloud) = self.ahead.take() else { return Ok(None) };
         let mut next = std::mem::take(&mut self.spare);
-        let more = self.messages.read(&mut next)?;
+        let more = self.clouds.read(&mut next)?;
         let next_start = more.then_some(next.start_ns);
         let mut header = ScanHeader {
             points: cloud.points.len() as u32,
@@ -115,15 +112,14 @@ impl ScanStream for BagScans {
     }
 
     fn counters(&self) -> Counters {
-        Counters { late: self.messages.late, rejected: self.rejected, ..Counters::default() }
+        Counters { late: self.clouds.late, rejected: self.rejected, ..Counters::default() }
     }
 }
 
-impl Messages {
-    fn open(index: &BagIndex, topic: &Topic) -> Result<Self, FormatError> {
-        let reader = BagReader::new(index, &topic.connections)?;
-        let (path, topic) = (index.path().to_owned(), topic.clone());
-        Ok(Self { path, topic, reader, unit: None, last_start: None, late: 0, told: false })
+impl Clouds {
+    fn open(bag: &Bag, topic: &Topic) -> Self {
+        let messages = Messages::new(bag, &topic.connections);
+        Self { topic: topic.clone(), messages, unit: None, last_start: None, late: 0, told: false }
     }
 
     /// The shortest time between two of the first clouds; `default` where there is only one.
@@ -139,7 +135,7 @@ impl Messages {
         }
         match shortest {
             Some(spacing) if spacing > Point::MAX_OFFSET_NS => {
-                let (file, topic) = (&self.path, &self.topic.name);
+                let (file, topic) = (self.messages.path(), &self.topic.name);
                 let (is, most) = (spacing / 1_000_000, Point::MAX_OFFSET_NS / 1_000_000);
                 let cause = format!("clouds on {topic} come each {is} ms, and a scan may last {most} ms");
                 Err(FormatError::malformed(file, 0, cause, "record with 10 clouds a second"))
@@ -150,9 +146,11 @@ impl Messages {
 
     /// Reads the next message whose time rises; `false` after the last.
     fn read(&mut self, cloud: &mut Cloud) -> Result<bool, FormatError> {
-        while let Some(message) = self.reader.next_message()? {
-            let parsed = parse(self.topic.kind, &message, cloud, &mut self.unit);
-            parsed.map_err(|cause| bad_message(&self.path, &message, &self.topic.name, &cause))?;
+        while let Some(message) = self.messages.next_message()? {
+            let offset = message.offset;
+            let parsed = parse(&self.topic, &message, cloud, &mut self.unit);
+            let bad = |cause: String| bad_message(self.messages.path(), offset, &self.topic.name, &cause);
+            parsed.map_err(bad)?;
             let back = self.last_start.map_or(-1, |last| last - cloud.start_ns);
             if back < 0 {
                 self.last_start = Some(cloud.start_ns);
@@ -161,12 +159,12 @@ impl Messages {
             if back > SECOND {
                 let (from, to) = (seconds(cloud.start_ns + back), seconds(cloud.start_ns));
                 let cause = format!("time goes back from {from:.3} s to {to:.3} s; the LiDAR was restarted");
-                return Err(bad_message(&self.path, &message, &self.topic.name, &cause));
+                return Err(bad(cause));
             }
             self.late += 1;
         }
         if self.late > 0 && !std::mem::replace(&mut self.told, true) {
-            let (file, topic) = (self.path.display(), &self.topic.name);
+            let (file, topic) = (self.messages.path().display(), &self.topic.name);
             tracing::warn!("{file}: left out {} messages on {topic} whose times do not rise", self.late);
         }
         Ok(false)
@@ -174,19 +172,21 @@ impl Messages {
 }
 
 fn parse(
-    kind: Kind,
+    topic: &Topic,
     message: &BagMessage<'_>,
     cloud: &mut Cloud,
     unit: &mut Option<TimeUnit>,
 ) -> Result<(), String> {
-    match kind {
+    match topic.kind {
         Kind::CustomMsg => {
-            let message = CustomMsg::parse(message.data).map_err(|cause| cause.to_string())?;
+            let message =
+                CustomMsg::parse(message.data, topic.encoding).map_err(|cause| cause.to_string())?;
             cloud.read_custom(&message)
         }
         // An IMU topic is never chosen for points; its messages would be refused here.
         Kind::PointCloud2 | Kind::Imu => {
-            let message = PointCloud2::parse(message.data).map_err(|cause| cause.to_string())?;
+            let message =
+                PointCloud2::parse(message.data, topic.encoding).map_err(|cause| cause.to_string())?;
             cloud.read_cloud(&message, unit)
         }
     }

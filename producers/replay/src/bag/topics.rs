@@ -1,7 +1,7 @@
 //! Which topics of a bag to replay.
 
-use evac_formats::ros1::{CustomMsg, Imu, PointCloud2};
-use evac_formats::rosbag::{BagIndex, Connection};
+use evac_formats::bag::{Bag, Connection};
+use evac_formats::ros::{CustomMsg, Encoding, Imu, PointCloud2};
 use evac_stage::StageError;
 
 /// What a topic's messages are.
@@ -14,11 +14,12 @@ pub(super) enum Kind {
 
 impl Kind {
     fn of(connection: &Connection) -> Option<Self> {
-        let name = connection.type_name.as_str();
-        match name {
+        // ROS 2 puts the kind of interface between package and name.
+        let name = connection.type_name.replace("/msg/", "/");
+        match name.as_str() {
             Imu::TYPE => Some(Self::Imu),
             PointCloud2::TYPE => Some(Self::PointCloud2),
-            _ => CustomMsg::TYPES.contains(&name).then_some(Self::CustomMsg),
+            _ => CustomMsg::TYPES.contains(&name.as_str()).then_some(Self::CustomMsg),
         }
     }
 }
@@ -28,21 +29,22 @@ impl Kind {
 pub(super) struct Topic {
     pub(super) name: String,
     pub(super) kind: Kind,
+    pub(super) encoding: Encoding,
     pub(super) connections: Vec<u32>,
     pub(super) messages: u64,
 }
 
 /// The wanted topic, or the `CustomMsg` topic with the most messages, or such a `PointCloud2` topic.
-pub(super) fn choose_lidar(index: &BagIndex, wanted: Option<&str>) -> Result<Topic, StageError> {
+pub(super) fn choose_lidar(bag: &Bag, wanted: Option<&str>) -> Result<Topic, StageError> {
     let kinds = [Kind::CustomMsg, Kind::PointCloud2];
     let what = "livox_ros_driver/CustomMsg or sensor_msgs/PointCloud2";
-    let chosen = choose(index, wanted, &kinds, what, "lidar_topic")?;
-    for other in topics(index, &kinds).iter().filter(|other| other.name != chosen.name) {
-        tracing::info!("{}: {} is replayed, {} is not", index.path().display(), chosen.name, other.name);
+    let chosen = choose(bag, wanted, &kinds, what, "lidar_topic")?;
+    for other in topics(bag, &kinds).iter().filter(|other| other.name != chosen.name) {
+        tracing::info!("{}: {} is replayed, {} is not", bag.path().display(), chosen.name, other.name);
     }
     tracing::info!(
         "{}: {} clouds ({:?}) on {}",
-        index.path().display(),
+        bag.path().display(),
         chosen.messages,
         chosen.kind,
         chosen.name
@@ -51,18 +53,18 @@ pub(super) fn choose_lidar(index: &BagIndex, wanted: Option<&str>) -> Result<Top
 }
 
 /// The wanted topic, or the `Imu` topic with the most messages.
-pub(super) fn choose_imu(index: &BagIndex, wanted: Option<&str>) -> Result<Topic, StageError> {
-    choose(index, wanted, &[Kind::Imu], Imu::TYPE, "imu_topic")
+pub(super) fn choose_imu(bag: &Bag, wanted: Option<&str>) -> Result<Topic, StageError> {
+    choose(bag, wanted, &[Kind::Imu], Imu::TYPE, "imu_topic")
 }
 
 fn choose(
-    index: &BagIndex,
+    bag: &Bag,
     wanted: Option<&str>,
     kinds: &[Kind],
     what: &str,
     key: &str,
 ) -> Result<Topic, StageError> {
-    let topics = topics(index, kinds);
+    let topics = topics(bag, kinds);
     let chosen = kinds.iter().find_map(|kind| {
         let fitting =
             topics.iter().filter(|topic| topic.kind == *kind && wanted.is_none_or(|name| name == topic.name));
@@ -70,7 +72,7 @@ fn choose(
         fitting.rev().max_by_key(|topic| topic.messages)
     });
     chosen.cloned().ok_or_else(|| {
-        let there: Vec<_> = index
+        let there: Vec<_> = bag
             .connections()
             .iter()
             .map(|c| format!("{} ({}, {})", c.topic, c.type_name, c.messages))
@@ -80,17 +82,20 @@ fn choose(
             .map_or_else(|| format!("no messages of type {what}"), |name| format!("no {what} on {name}"));
         StageError::File(format!(
             "{}: the bag holds {missing}, only {there}; check {key}",
-            index.path().display()
+            bag.path().display()
         ))
     })
 }
 
 /// Topics of some kinds that have messages, by name.
-fn topics(index: &BagIndex, kinds: &[Kind]) -> Vec<Topic> {
+fn topics(bag: &Bag, kinds: &[Kind]) -> Vec<Topic> {
     let mut topics: Vec<Topic> = Vec::new();
-    for connection in index.connections().iter().filter(|connection| connection.messages > 0) {
+    for connection in bag.connections().iter().filter(|connection| connection.messages > 0) {
         let Some(kind) = Kind::of(connection).filter(|kind| kinds.contains(kind)) else { continue };
-        match topics.iter_mut().find(|topic| topic.name == connection.topic && topic.kind == kind) {
+        let same = |topic: &&mut Topic| {
+            (&topic.name, topic.kind, topic.encoding) == (&connection.topic, kind, connection.encoding)
+        };
+        match topics.iter_mut().find(same) {
             Some(topic) => {
                 topic.connections.push(connection.id);
                 topic.messages += connection.messages;
@@ -98,6 +103,7 @@ fn topics(index: &BagIndex, kinds: &[Kind]) -> Vec<Topic> {
             None => topics.push(Topic {
                 name: connection.topic.clone(),
                 kind,
+                encoding: connection.encoding,
                 connections: vec![connection.id],
                 messages: connection.messages,
             }),

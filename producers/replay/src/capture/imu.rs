@@ -40,7 +40,7 @@ impl CaptureImu {
 impl ImuStream for CaptureImu {
     fn next_sample(&mut self) -> Result<Option<ImuSample>, FormatError> {
         while let Some(stamp) = self.packets.advance()? {
-            let record = self.packets.datagram().and_then(|datagram| datagram.imu(0));
+            let record = self.packets.datagram().and_then(|datagram| datagram.imu());
             let sample = record.and_then(|record| {
                 let accel = record.accel_g.map(|value| f64::from(value) * self.one_g);
                 imu_sample(stamp.saturating_add(self.offset_ns), record.gyro.map(f64::from), accel)

@@ -1,6 +1,9 @@
-//! Captures of a Livox device's packets (pcap), with the device's own IMU or a byte log.
+//! Captures of a Livox device's packets (pcap, both protocols) and recordings of Livox Viewer (LVX, LVX2), with the device's
+//! own IMU or a byte log.
 
 mod clock;
+mod datagram;
+mod file;
 mod imu;
 mod packets;
 mod scans;

@@ -1,26 +1,19 @@
 //! The data packets of one device out of everything that was captured.
 
-use std::fs::File;
-use std::io::BufReader;
 use std::net::Ipv4Addr;
 use std::path::Path;
 
 use evac_formats::FormatError;
-use evac_formats::livox_sdk1::{DataHeader, DataType, Datagram, TimestampType};
-use evac_formats::pcap::{PcapCounts, PcapReader, UdpDatagram};
+use evac_formats::pcap::PcapCounts;
 
 use super::clock::{Clock, Verdict};
+use super::datagram::Datagram;
+pub(super) use super::datagram::Kind;
+use super::file::{PacketFile, RawPacket};
 use crate::streams::{SECOND, seconds};
 
 /// Year 2116: later stamps are damaged, and sums of earlier ones stay far from the limits of `i64`.
 const LAST_STAMP: i64 = 1 << 62;
-
-/// Which packets of a device.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    Points,
-    Imu,
-}
 
 /// A device: its address, and its place at a hub.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,7 +41,7 @@ pub(super) struct Unused {
 
 /// Packets of one kind, of one device, with rising time stamps.
 pub(super) struct Packets {
-    reader: PcapReader<BufReader<File>>,
+    file: PacketFile,
     kind: Kind,
     wanted_ip: Option<Ipv4Addr>,
     device: Option<Device>,
@@ -65,7 +58,7 @@ impl Packets {
         tolerant: bool,
     ) -> Result<Self, FormatError> {
         Ok(Self {
-            reader: PcapReader::open(path)?.tolerate_truncation(tolerant),
+            file: PacketFile::open(path, tolerant)?,
             kind: Kind::Points,
             wanted_ip,
             device: None,
@@ -85,28 +78,28 @@ impl Packets {
     /// # Errors
     /// Those of the file, and a step of the device's clock.
     pub(super) fn advance(&mut self) -> Result<Option<i64>, FormatError> {
-        while let Some(udp) = self.reader.next_datagram()? {
-            let Ok(datagram) = Datagram::parse(udp.payload) else {
+        let checksum = self.file.has_checksums();
+        while let Some(packet) = self.file.next_packet()? {
+            let Some(datagram) = Datagram::parse(packet.payload, checksum) else {
                 self.unused.foreign += 1;
                 continue;
             };
-            let kind = if datagram.header.data_type == DataType::Imu { Kind::Imu } else { Kind::Points };
-            let Some(device) =
-                self.device.or_else(|| first_device(&udp, &datagram.header, kind, self.wanted_ip))
+            let kind = datagram.kind();
+            let Some(device) = self.device.or_else(|| first_device(&packet, &datagram, self.wanted_ip))
             else {
                 self.unused.other_devices += 1;
                 continue;
             };
             self.device = Some(device);
-            let DataHeader { slot, lidar_id, .. } = datagram.header;
-            if (*udp.source.ip(), slot, lidar_id) != (device.ip, device.slot, device.lidar_id) {
+            let (slot, lidar_id) = datagram.place();
+            if (packet.source, slot, lidar_id) != (device.ip, device.slot, device.lidar_id) {
                 self.unused.other_devices += 1;
                 continue;
             }
             if kind != self.kind {
                 continue;
             }
-            let stamp = device_time(&datagram.header, udp.time_ns, device.pulse_origin);
+            let stamp = device_time(&datagram, packet.time_ns, device.pulse_origin);
             if !(0..=LAST_STAMP).contains(&stamp) {
                 self.unused.stray += 1;
                 continue;
@@ -114,13 +107,13 @@ impl Packets {
             match self.clock.judge(stamp) {
                 Verdict::Accept => {
                     self.payload.clear();
-                    self.payload.extend_from_slice(udp.payload);
+                    self.payload.extend_from_slice(packet.payload);
                     return Ok(Some(stamp));
                 }
                 Verdict::Late => self.unused.late += 1,
                 Verdict::Stray => self.unused.stray += 1,
                 Verdict::Step { from } => {
-                    let offset = udp.offset;
+                    let offset = packet.offset;
                     let cause = format!(
                         "the LiDAR's clock steps from {:.3} s to {:.3} s",
                         seconds(from),
@@ -128,7 +121,7 @@ impl Packets {
                     );
                     let remedy =
                         "the device was restarted or synchronised there: cut the capture at that packet";
-                    return Err(FormatError::malformed(self.reader.path(), offset, cause, remedy));
+                    return Err(FormatError::malformed(self.file.path(), offset, cause, remedy));
                 }
             }
         }
@@ -137,7 +130,8 @@ impl Packets {
 
     /// The packet that [`Packets::advance`] has found.
     pub(super) fn datagram(&self) -> Option<Datagram<'_>> {
-        Datagram::parse(&self.payload).ok()
+        // Its checksum, where it had one, was compared before.
+        Datagram::parse(&self.payload, false)
     }
 
     pub(super) fn device(&self) -> Option<Device> {
@@ -149,36 +143,36 @@ impl Packets {
     }
 
     pub(super) fn counts(&self) -> PcapCounts {
-        self.reader.counts()
+        self.file.counts()
+    }
+
+    /// Says what the file knows about its devices.
+    pub(super) fn tell(&self) {
+        self.file.tell();
     }
 
     /// Bytes read.
     pub(super) fn offset(&self) -> u64 {
-        self.reader.offset()
+        self.file.offset()
     }
 }
 
-fn first_device(
-    udp: &UdpDatagram<'_>,
-    header: &DataHeader,
-    kind: Kind,
-    wanted: Option<Ipv4Addr>,
-) -> Option<Device> {
-    let ip = *udp.source.ip();
-    if kind != Kind::Points || wanted.is_some_and(|wanted| wanted != ip) {
+fn first_device(packet: &RawPacket<'_>, datagram: &Datagram<'_>, wanted: Option<Ipv4Addr>) -> Option<Device> {
+    let ip = packet.source;
+    if datagram.kind() != Kind::Points || wanted.is_some_and(|wanted| wanted != ip) {
         return None;
     }
-    let pulse_origin = udp.time_ns.saturating_sub(header.stamp_ns);
-    Some(Device { ip, slot: header.slot, lidar_id: header.lidar_id, pulse_origin })
+    let (slot, lidar_id) = datagram.place();
+    let pulse_origin = packet.time_ns.saturating_sub(datagram.stamp_ns());
+    Some(Device { ip, slot, lidar_id, pulse_origin })
 }
 
 /// The stamp; for a clock that restarts every second, with the seconds since the first packet put back.
-fn device_time(header: &DataHeader, captured_ns: i64, pulse_origin: i64) -> i64 {
-    if header.timestamp_type != TimestampType::Pps {
-        return header.stamp_ns;
+fn device_time(datagram: &Datagram<'_>, captured_ns: i64, pulse_origin: i64) -> i64 {
+    let stamp_ns = datagram.stamp_ns();
+    if !datagram.restarts() {
+        return stamp_ns;
     }
-    let elapsed = captured_ns.saturating_sub(pulse_origin).saturating_sub(header.stamp_ns);
-    header
-        .stamp_ns
-        .saturating_add(elapsed.saturating_add(SECOND / 2).div_euclid(SECOND).saturating_mul(SECOND))
+    let elapsed = captured_ns.saturating_sub(pulse_origin).saturating_sub(stamp_ns);
+    stamp_ns.saturating_add(elapsed.saturating_add(SECOND / 2).div_euclid(SECOND).saturating_mul(SECOND))
 }

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use evac_formats::FormatError;
-use evac_formats::livox_sdk1::Datagram;
 use evac_frames::{FrameHeader, Point, ScanHeader, frame_flags};
 use evac_stage::Counters;
 
+use super::datagram::Datagram;
 use super::packets::{Kind, Packets};
 use super::survey::Survey;
 use crate::Config;
@@ -152,7 +152,7 @@ fn add_points(
     points: &mut Vec<Point>,
     header: &mut ScanHeader,
 ) {
-    let echoes = datagram.header.data_type.echoes();
+    let echoes = datagram.echoes();
     for index in shots.start * echoes..shots.end * echoes {
         let Some(point) = datagram.point(index) else { continue };
         if points.len() == MAX_POINTS {

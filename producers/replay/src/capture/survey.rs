@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use evac_formats::FormatError;
-use evac_formats::livox_sdk1::DataType;
 
 use super::packets::{Device, Packets};
 use crate::Config;
@@ -11,8 +10,8 @@ use crate::streams::seconds;
 
 /// Packets from which the time between shots is taken.
 const TIMED_PACKETS: usize = 1000;
-/// Mid-40, Mid-70 and Mid-100 shoot 100,000 times a second; Horizon, Tele-15 and Avia 240,000 times.
-const INTERVALS: [i64; 2] = [10_000, 4_167];
+/// Mid-40, Mid-70 and Mid-100 shoot 100,000 times a second; Mid-360 200,000 times; Horizon, Tele-15 and Avia 240,000 times.
+const INTERVALS: [i64; 3] = [10_000, 5_000, 4_167];
 
 /// Facts about a capture.
 #[derive(Debug, Clone)]
@@ -42,7 +41,7 @@ impl Survey {
         let (mut span, mut count) = (None, 0_u64);
         let mut intervals = Vec::with_capacity(TIMED_PACKETS);
         let mut previous = None;
-        let mut data_type = DataType::Cartesian;
+        let mut usual = 0;
         while let Some(stamp) = packets.advance()? {
             let Some(datagram) = packets.datagram() else { continue };
             let shots = datagram.shots() as i64;
@@ -50,7 +49,7 @@ impl Survey {
                 intervals.push((stamp - before) / shots);
             }
             previous = Some((stamp, shots));
-            data_type = datagram.header.data_type;
+            usual = datagram.usual_shot_ns();
             let (first, _) = span.unwrap_or((stamp, stamp));
             span = Some((first, stamp));
             count += 1;
@@ -58,12 +57,13 @@ impl Survey {
         let (Some((first_ns, last)), Some(device)) = (span, packets.device()) else {
             return Err(no_points(path, &packets, config));
         };
-        let shot_ns = shot_interval(&mut intervals, data_type);
+        let shot_ns = shot_interval(&mut intervals, usual);
         let shots = previous.map_or(0, |(_, shots)| shots);
         let length = last.saturating_add(shots * shot_ns) - first_ns;
         let period_ns = config.scan_period_ns();
         let scans = (length + period_ns / 2) / period_ns;
         let survey = Self { device, first_ns, scans: scans as u64, period_ns, shot_ns };
+        packets.tell();
         survey.tell(path, &packets, count, length);
         if scans == 0 {
             let cause = format!("{count} packets hold {:.3} s, less than half a scan", seconds(length));
@@ -93,7 +93,7 @@ impl Survey {
             (unused.late, "packets that came twice or too late"),
             (unused.stray, "packets with a stray time stamp"),
             (counts.fragments, "fragments of IP packets"),
-            (counts.cut, "packets cut by the capture's snap length"),
+            (counts.cut, "packets that were cut by the capture or are of unknown kind"),
         ] {
             if number > 0 {
                 tracing::warn!("{file}: left out {number} {what}");
@@ -109,14 +109,10 @@ impl Survey {
 }
 
 /// The median time between shots, taken as the model's where it is near one.
-fn shot_interval(intervals: &mut [i64], data_type: DataType) -> i64 {
-    let by_type = match data_type {
-        DataType::Cartesian | DataType::Spherical => INTERVALS[0],
-        _ => INTERVALS[1],
-    };
+fn shot_interval(intervals: &mut [i64], usual: i64) -> i64 {
     let middle = intervals.len() / 2;
     if intervals.is_empty() {
-        return by_type;
+        return usual;
     }
     let (_, median, _) = intervals.select_nth_unstable(middle);
     INTERVALS.into_iter().find(|known| (*median - known).abs() * 20 < *known).unwrap_or((*median).max(1))
@@ -126,13 +122,13 @@ fn no_points(path: &Path, packets: &Packets, config: &Config) -> FormatError {
     let counts = packets.counts();
     let whom = config.lidar_ip.map_or_else(String::new, |ip| format!(" of {ip}"));
     let cause = format!(
-        "no Livox SDK1 point data{whom} among {} UDP datagrams ({} packets in all)",
+        "no Livox point data{whom} among {} UDP datagrams ({} packets in all)",
         counts.datagrams, counts.packets
     );
     let remedy = if packets.unused().other_devices > 0 {
         "check lidar_ip: other devices did send points"
     } else {
-        "capture the interface that the LiDAR is connected to (Mid-40, Mid-70, Mid-100, Tele-15, Horizon or Avia)"
+        "capture the interface that the LiDAR is connected to and record while it sends"
     };
     FormatError::malformed(path, packets.offset(), cause, remedy)
 }

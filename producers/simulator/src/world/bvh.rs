@@ -38,7 +38,6 @@ impl Bvh {
         Self { nodes, solids }
     }
 
-    #[cfg(test)]
     pub(super) fn solids(&self) -> &[Solid] {
         &self.solids
     }

@@ -32,6 +32,7 @@ pub(crate) use material::Material;
 pub(crate) use ray::Ray;
 pub(crate) use solid::Cylinder;
 
+use evac_geometry::nalgebra::Vector3;
 use evac_stage::StageError;
 
 use crate::config::Config;
@@ -93,6 +94,11 @@ impl World {
     pub(crate) fn people_at(&self, t: f64, shapes: &mut Vec<Cylinder>) {
         shapes.clear();
         shapes.extend(self.people.iter().flat_map(|person| person.shape(t)));
+    }
+
+    /// Whether a place lies within a body, people and rock left out.
+    pub(crate) fn is_solid(&self, place: &Vector3<f64>) -> bool {
+        self.bvh.solids().iter().any(|solid| solid.distance(place) == 0.0)
     }
 
     /// Distance to and material of the nearest thing within `limit` metres.

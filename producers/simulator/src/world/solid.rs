@@ -99,7 +99,6 @@ impl Solid {
     }
 
     /// Distance of a point from the smooth body, 0 inside, metres.
-    #[cfg(test)]
     pub(crate) fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.shape.distance(point).max(0.0)
     }

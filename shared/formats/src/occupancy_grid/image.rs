@@ -1,10 +1,13 @@
-//! Binary PGM (P5, 8 bits).
+//! Binary PGM (P5, 8 bits), and grey PNG.
 
+use std::io::Cursor;
 use std::path::Path;
 
 use crate::FormatError;
 
-const REMEDY: &str = "save the picture as binary 8-bit PGM (P5)";
+const REMEDY: &str = "save the picture as binary 8-bit PGM (P5) or as 8-bit grey PNG";
+/// Most pixels of a PNG: more than a plan of 16,384 cells a side never has.
+const MAX_PIXELS: u64 = 1 << 28;
 
 /// A grey picture, row 0 at the top.
 pub(super) struct GreyImage {
@@ -12,10 +15,37 @@ pub(super) struct GreyImage {
     pub(super) height: u32,
     pub(super) maximum: u8,
     pub(super) pixels: Vec<u8>,
+    /// Empty where all pixels are opaque.
+    pub(super) alpha: Vec<u8>,
 }
 
-/// Parses a PGM file; `path` is for messages only.
+/// Parses a picture of either kind; `path` is for messages only.
 pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<GreyImage, FormatError> {
+    if bytes.starts_with(b"\x89PNG") { parse_png(bytes, path) } else { parse_pgm(bytes, path) }
+}
+
+/// Parses a PNG file; `path` is for messages only.
+fn parse_png(bytes: &[u8], path: &Path) -> Result<GreyImage, FormatError> {
+    let fault = |cause: String| FormatError::malformed(path, 0, cause, REMEDY);
+    let mut reader =
+        png::Decoder::new(Cursor::new(bytes)).read_info().map_err(|error| fault(error.to_string()))?;
+    let (width, height) = (reader.info().width, reader.info().height);
+    let channels = match reader.output_color_type() {
+        (png::ColorType::Grayscale, png::BitDepth::Eight) => 1,
+        (png::ColorType::GrayscaleAlpha, png::BitDepth::Eight) => 2,
+        (colour, depth) => return Err(fault(format!("a PNG of {colour:?} with {depth:?} bits"))),
+    };
+    let pixels = u64::from(width) * u64::from(height);
+    let size = reader.output_buffer_size().filter(|_| pixels <= MAX_PIXELS);
+    let mut data = vec![0; size.ok_or_else(|| fault(format!("a picture of {width} x {height} pixels")))?];
+    reader.next_frame(&mut data).map_err(|error| fault(error.to_string()))?;
+    let channel = |number: usize| data.iter().skip(number).step_by(channels).copied().collect();
+    let alpha = if channels == 2 { channel(1) } else { Vec::new() };
+    Ok(GreyImage { width, height, maximum: u8::MAX, pixels: channel(0), alpha })
+}
+
+/// Parses a PGM file.
+fn parse_pgm(bytes: &[u8], path: &Path) -> Result<GreyImage, FormatError> {
     let fault = |offset: usize, cause: String| FormatError::malformed(path, offset as u64, cause, REMEDY);
     if !bytes.starts_with(b"P5") {
         return Err(fault(0, "the file does not start with P5".to_owned()));
@@ -46,7 +76,7 @@ pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<GreyImage, FormatError>
             "the file was cut: save it again",
         ));
     };
-    Ok(GreyImage { width, height, maximum, pixels: pixels.to_vec() })
+    Ok(GreyImage { width, height, maximum, pixels: pixels.to_vec(), alpha: Vec::new() })
 }
 
 /// The next number after white space and comments, and where it ends.

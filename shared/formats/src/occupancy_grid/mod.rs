@@ -13,7 +13,19 @@ mod write;
 mod yaml;
 
 pub use read::read;
-pub use write::write;
+pub use write::{write, write_as};
+
+/// How occupancy becomes grey, and grey occupancy again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Occupied, free, unknown.
+    #[default]
+    Trinary,
+    /// Grey between the thresholds is an occupancy from 0 to 100. Unknown is transparent, so the picture is a PNG.
+    Scale,
+    /// The values themselves, 255 for unknown.
+    Raw,
+}
 
 /// A flat map.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,16 +5,8 @@ use std::path::Path;
 
 use super::image::{self, GreyImage};
 use super::yaml::Keys;
-use super::{FREE, OCCUPIED, OccupancyGrid, UNKNOWN};
+use super::{FREE, Mode, OCCUPIED, OccupancyGrid, UNKNOWN};
 use crate::FormatError;
-
-/// How grey becomes occupancy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Mode {
-    Trinary,
-    Scale,
-    Raw,
-}
 
 /// The rules of one map file.
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +17,7 @@ struct Rules {
     free_thresh: f64,
 }
 
-/// Reads a map file and the picture it names (binary 8-bit PGM).
+/// Reads a map file and the picture it names (binary 8-bit PGM, or 8-bit grey PNG with or without transparency).
 ///
 /// Defaults are nav2's: `mode: trinary`, `negate: 0`, `occupied_thresh: 0.65`, `free_thresh: 0.25`.
 ///
@@ -82,7 +74,16 @@ fn rules(keys: &Keys<'_>) -> Result<Rules, FormatError> {
 fn cells(picture: &GreyImage, rules: Rules) -> Vec<i8> {
     let table: [i8; 256] = std::array::from_fn(|grey| cell(grey as f64 / f64::from(picture.maximum), rules));
     let rows = picture.pixels.chunks_exact(picture.width as usize).rev();
-    rows.flatten().map(|grey| table.get(usize::from(*grey)).copied().unwrap_or(UNKNOWN)).collect()
+    let mut cells: Vec<i8> =
+        rows.flatten().map(|grey| table.get(usize::from(*grey)).copied().unwrap_or(UNKNOWN)).collect();
+    // Only in this mode nav2 and ROS 1 both look at the transparency.
+    if rules.mode == Mode::Scale && !picture.alpha.is_empty() {
+        let alpha = picture.alpha.chunks_exact(picture.width as usize).rev().flatten();
+        for (cell, _) in cells.iter_mut().zip(alpha).filter(|(_, alpha)| **alpha < u8::MAX) {
+            *cell = UNKNOWN;
+        }
+    }
+    cells
 }
 
 fn cell(shade: f64, rules: Rules) -> i8 {

@@ -78,6 +78,22 @@ fn files_of_other_savers_are_read() {
 }
 
 #[test]
+fn a_map_file_that_names_a_spare_picture_keeps_it_until_the_next_one_is_there_and_none_is_left_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("plan.yaml");
+    write(&path, &small()).unwrap();
+    // As after a kill in the middle.
+    fs::rename(folder.path().join("plan.pgm"), folder.path().join("plan.new.pgm")).unwrap();
+    let text = fs::read_to_string(&path).unwrap().replace("plan.pgm", "plan.new.pgm");
+    fs::write(&path, text).unwrap();
+    assert_eq!(read(&path).unwrap(), small());
+    let other = OccupancyGrid { origin: [1.0, 2.0, 0.0], ..small() };
+    write(&path, &other).unwrap();
+    assert_eq!(read(&path).unwrap(), other);
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+#[test]
 fn bad_map_files_are_refused_by_name_and_place() {
     let good = "image: a.pgm\nresolution: 0.1\norigin: [0, 0, 0]\n";
     for (text, word) in [
@@ -128,6 +144,19 @@ fn a_grid_whose_cells_do_not_fit_its_size_is_not_written() {
 }
 
 proptest! {
+    #[test]
+    fn every_value_comes_back_in_raw_and_in_scale_mode(
+        cells in proptest::collection::vec(-1i8..=100, 12),
+    ) {
+        let grid = OccupancyGrid { width: 4, height: 3, cells, ..small() };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("plan.yaml");
+        for mode in [Mode::Raw, Mode::Scale] {
+            write_as(&path, &grid, mode, &["a comment"]).unwrap();
+            prop_assert_eq!(&read(&path).unwrap(), &grid, "{:?}", mode);
+        }
+    }
+
     #[test]
     fn every_trinary_grid_comes_back(
         width in 1u32..20,

@@ -5,9 +5,9 @@ use super::likelihood::BinaryValues;
 use super::tree::{DEPTH, Node};
 
 /// Codes of a child, two bits each, child 0 in the lowest.
-const FREE: u16 = 1;
-const OCCUPIED: u16 = 2;
-const INNER: u16 = 3;
+pub(super) const FREE: u16 = 1;
+pub(super) const OCCUPIED: u16 = 2;
+pub(super) const INNER: u16 = 3;
 
 /// Appends the tree as it stands; a leaf is occupied from `threshold` on. A tree that is only a root cannot be told
 /// from an empty inner node; OctoMap writes a zero word for it, and so does this.
@@ -114,6 +114,6 @@ pub(super) fn decode(
 }
 
 /// Which children a word names.
-fn mask(word: u16) -> u8 {
+pub(super) fn mask(word: u16) -> u8 {
     (0..8).fold(0, |mask, child| mask | u8::from(word >> (2 * child) & 3 != 0) << child)
 }

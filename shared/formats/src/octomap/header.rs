@@ -1,7 +1,7 @@
 //! The text in front of the tree.
 
 use super::Fault;
-use super::tree::{OcTreeFile, is_resolution};
+use super::tree::is_resolution;
 
 const FULL_MAGIC: &[u8] = b"# Octomap OcTree file";
 const BINARY_MAGIC: &[u8] = b"# Octomap OcTree binary file";
@@ -32,7 +32,7 @@ pub(super) struct Header {
 
 impl Header {
     /// The header that OctoMap writes.
-    pub(super) fn text(kind: Kind, tree: &OcTreeFile) -> Vec<u8> {
+    pub(super) fn text(kind: Kind, size: usize, resolution: f64) -> Vec<u8> {
         let mut bytes = match kind {
             Kind::Full => FULL_MAGIC.to_vec(),
             Kind::Binary => BINARY_MAGIC.to_vec(),
@@ -40,8 +40,7 @@ impl Header {
         bytes.extend_from_slice(
             b"\n# (feel free to add / change comments, but leave the first line as it is!)\n#\nid OcTree\n",
         );
-        let size = tree.nodes().len();
-        let resolution = general(tree.resolution());
+        let resolution = general(resolution);
         bytes.extend_from_slice(format!("size {size}\nres {resolution}\ndata\n").as_bytes());
         bytes
     }

@@ -6,12 +6,14 @@ mod binary;
 mod full;
 mod header;
 mod likelihood;
+mod reader;
 mod tree;
 
 use std::fs;
 use std::path::Path;
 
 pub use likelihood::BinaryValues;
+pub use reader::{FileLeaf, Reader};
 pub use tree::{DEPTH, Node, OcTreeFile, TreeError};
 
 use crate::{FormatError, write_atomically};
@@ -52,9 +54,19 @@ fn read_file(bytes: &[u8], values: &BinaryValues) -> Result<OcTreeFile, Fault> {
     Ok(OcTreeFile::assume_valid(resolution, nodes))
 }
 
+/// The text in front of a `.ot`'s tree of so many nodes, with voxels of `resolution` metres.
+pub fn ot_header(nodes: usize, resolution: f64) -> Vec<u8> {
+    Header::text(Kind::Full, nodes, resolution)
+}
+
+/// The text in front of a `.bt`'s tree.
+pub fn bt_header(nodes: usize, resolution: f64) -> Vec<u8> {
+    Header::text(Kind::Binary, nodes, resolution)
+}
+
 /// The bytes of a `.ot` file.
 pub fn ot_bytes(tree: &OcTreeFile) -> Vec<u8> {
-    let mut bytes = Header::text(Kind::Full, tree);
+    let mut bytes = ot_header(tree.nodes().len(), tree.resolution());
     full::encode(tree.nodes(), &mut bytes);
     bytes
 }
@@ -67,7 +79,7 @@ pub fn bt_bytes(tree: &OcTreeFile, values: &BinaryValues) -> Vec<u8> {
 /// The bytes of a `.bt` file as OctoMap's `writeBinaryConst` makes them: the tree as it stands, occupied from
 /// `threshold` (log-odds) on.
 pub fn bt_const_bytes(tree: &OcTreeFile, threshold: f32) -> Vec<u8> {
-    let mut bytes = Header::text(Kind::Binary, tree);
+    let mut bytes = bt_header(tree.nodes().len(), tree.resolution());
     binary::encode(tree.nodes(), threshold, &mut bytes);
     bytes
 }

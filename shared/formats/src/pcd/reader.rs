@@ -7,7 +7,7 @@ use std::path::Path;
 use super::header::{Encoding, Field, Header, Scalar};
 use super::lzf;
 use crate::FormatError;
-use crate::cloud::CloudPoint;
+use crate::cloud::{CloudPoint, Origin, relative, relative_word};
 use crate::lines::Lines;
 
 const CUT: &str = "the file was cut: copy or write it again";
@@ -21,6 +21,7 @@ pub struct Reader<R> {
     lines: Lines<R>,
     header: Header,
     columns: [Option<Field>; 4],
+    origin: Origin,
     record: Vec<u8>,
     unpacked: Vec<u8>,
     next: u64,
@@ -50,12 +51,26 @@ impl<R: BufRead> Reader<R> {
         let columns = ["x", "y", "z", "intensity"].map(|name| header.field(name).cloned());
         let record = vec![0; header.record];
         let offset = lines.offset();
-        let mut reader =
-            Self { lines, header, columns, record, unpacked: Vec::new(), next: 0, offset, done: false };
+        let mut reader = Self {
+            lines,
+            header,
+            columns,
+            origin: [0.0; 3],
+            record,
+            unpacked: Vec::new(),
+            next: 0,
+            offset,
+            done: false,
+        };
         if reader.header.encoding == Encoding::BinaryCompressed && reader.header.points > 0 {
             reader.unpack()?;
         }
         Ok(reader)
+    }
+
+    /// Takes `origin` off all coordinates.
+    pub fn with_origin(self, origin: Origin) -> Self {
+        Self { origin, ..self }
     }
 
     /// What the header says.
@@ -89,16 +104,18 @@ impl<R: BufRead> Reader<R> {
         }
         self.offset += self.record.len() as u64;
         let record = &self.record;
-        Ok(point(&self.columns, |field| value(field, record.get(field.offset..).unwrap_or_default())))
+        Ok(point(&self.columns, &self.origin, |field| {
+            value(field, record.get(field.offset..).unwrap_or_default())
+        }))
     }
 
     fn read_line(&mut self) -> Result<CloudPoint, FormatError> {
-        let (columns, wanted) = (&self.columns, self.header.columns());
+        let (columns, origin, wanted) = (&self.columns, &self.origin, self.header.columns());
         while let Some(line) = self.lines.next_line()? {
             if line.text.trim_ascii().is_empty() {
                 continue;
             }
-            let parsed = parse_line(columns, wanted, line.text);
+            let parsed = parse_line(columns, origin, wanted, line.text);
             let start = line.start;
             return parsed.map_err(|cause| self.malformed(start, cause, "correct this line"));
         }
@@ -158,7 +175,7 @@ impl<R: BufRead> Reader<R> {
     /// Compressed data hold all values of the first field, then all of the second, and so on.
     fn unpacked_point(&self) -> CloudPoint {
         let points = self.header.points as usize;
-        point(&self.columns, |field| {
+        point(&self.columns, &self.origin, |field| {
             let at = field.offset * points + self.next as usize * field.size;
             value(field, self.unpacked.get(at..).unwrap_or_default())
         })
@@ -183,20 +200,31 @@ impl<R: BufRead> Iterator for Reader<R> {
     }
 }
 
-fn point(columns: &[Option<Field>; 4], value: impl Fn(&Field) -> f32) -> CloudPoint {
+fn point(columns: &[Option<Field>; 4], origin: &Origin, value: impl Fn(&Field) -> f64) -> CloudPoint {
     let [x, y, z, intensity] = columns.each_ref().map(|field| field.as_ref().map_or(0.0, &value));
-    CloudPoint { x, y, z, intensity }
+    CloudPoint {
+        x: relative(x, origin[0]),
+        y: relative(y, origin[1]),
+        z: relative(z, origin[2]),
+        intensity: intensity as f32,
+    }
 }
 
-fn parse_line(columns: &[Option<Field>; 4], wanted: usize, line: &str) -> Result<CloudPoint, String> {
+fn parse_line(
+    columns: &[Option<Field>; 4],
+    origin: &Origin,
+    wanted: usize,
+    line: &str,
+) -> Result<CloudPoint, String> {
+    let [x, y, z] = *origin;
     let mut values = [0.0; 4];
     let mut count = 0;
     for (column, word) in line.split_ascii_whitespace().enumerate() {
         count += 1;
-        for (value, field) in values.iter_mut().zip(columns) {
+        for ((value, origin), field) in values.iter_mut().zip([x, y, z, 0.0]).zip(columns) {
             if field.as_ref().is_some_and(|field| field.column == column) {
-                *value =
-                    word.parse().map_err(|_| format!("{word:?} in column {} is no number", column + 1))?;
+                *value = relative_word(word, origin)
+                    .ok_or_else(|| format!("{word:?} in column {} is no number", column + 1))?;
             }
         }
     }
@@ -208,20 +236,20 @@ fn parse_line(columns: &[Option<Field>; 4], wanted: usize, line: &str) -> Result
 }
 
 /// The value at the start of `bytes`; 0 where they are too short, which the sizes checked before exclude.
-fn value(field: &Field, bytes: &[u8]) -> f32 {
+fn value(field: &Field, bytes: &[u8]) -> f64 {
     fn head<const N: usize>(bytes: &[u8]) -> [u8; N] {
         bytes.first_chunk().copied().unwrap_or([0; N])
     }
     match (field.scalar, field.size) {
-        (Scalar::Float, 4) => f32::from_le_bytes(head(bytes)),
-        (Scalar::Float, _) => f64::from_le_bytes(head(bytes)) as f32,
-        (Scalar::Signed, 1) => f32::from(i8::from_le_bytes(head(bytes))),
-        (Scalar::Signed, 2) => f32::from(i16::from_le_bytes(head(bytes))),
-        (Scalar::Signed, 4) => i32::from_le_bytes(head(bytes)) as f32,
-        (Scalar::Signed, _) => i64::from_le_bytes(head(bytes)) as f32,
-        (Scalar::Unsigned, 1) => f32::from(u8::from_le_bytes(head(bytes))),
-        (Scalar::Unsigned, 2) => f32::from(u16::from_le_bytes(head(bytes))),
-        (Scalar::Unsigned, 4) => u32::from_le_bytes(head(bytes)) as f32,
-        (Scalar::Unsigned, _) => u64::from_le_bytes(head(bytes)) as f32,
+        (Scalar::Float, 4) => f64::from(f32::from_le_bytes(head(bytes))),
+        (Scalar::Float, _) => f64::from_le_bytes(head(bytes)),
+        (Scalar::Signed, 1) => f64::from(i8::from_le_bytes(head(bytes))),
+        (Scalar::Signed, 2) => f64::from(i16::from_le_bytes(head(bytes))),
+        (Scalar::Signed, 4) => f64::from(i32::from_le_bytes(head(bytes))),
+        (Scalar::Signed, _) => i64::from_le_bytes(head(bytes)) as f64,
+        (Scalar::Unsigned, 1) => f64::from(u8::from_le_bytes(head(bytes))),
+        (Scalar::Unsigned, 2) => f64::from(u16::from_le_bytes(head(bytes))),
+        (Scalar::Unsigned, 4) => f64::from(u32::from_le_bytes(head(bytes))),
+        (Scalar::Unsigned, _) => u64::from_le_bytes(head(bytes)) as f64,
     }
 }

@@ -4,33 +4,25 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use super::chunk::{Chunk, Compression};
 use super::record::{Fields, op, split_record};
 use super::walk::{Promised, REINDEX, Walk};
 use crate::FormatError;
+use crate::bag::chunk::{Chunk, Compression};
+use crate::bag::{BagReader, Chunked, Connection, Record};
+use crate::ros::Encoding;
 
 /// A robot has tens of topics; so many are a damaged or hostile file, and would take long to look up.
 const MAX_CONNECTIONS: usize = 4096;
 
-/// A topic's publisher.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Connection {
-    /// Number that messages name it by.
-    pub id: u32,
-    /// Topic, for example `/livox/lidar`.
-    pub topic: String,
-    /// Message type, for example `sensor_msgs/Imu`.
-    pub type_name: String,
-    /// Messages in the whole bag.
-    pub messages: u64,
-}
+/// What to do with a damaged chunk.
+const COPY: &str = "the bag is damaged there: copy it again, or cut it with `rosbag filter`";
 
 /// The connections and chunks of a bag. Its memory grows with the number of chunks (a few hundred bytes each), not
 /// with their size.
 #[derive(Debug, Clone)]
 pub struct BagIndex {
-    pub(super) path: PathBuf,
-    pub(super) chunks: Vec<Chunk>,
+    path: PathBuf,
+    chunks: Vec<Chunk>,
     connections: Vec<Connection>,
     truncated_at: Option<u64>,
 }
@@ -63,6 +55,14 @@ impl BagIndex {
     /// Where the usable part ends, for a bag that is cut off.
     pub fn truncated_at(&self) -> Option<u64> {
         self.truncated_at
+    }
+
+    /// Streams the messages of the connections `wanted`.
+    ///
+    /// # Errors
+    /// [`FormatError::Io`] if the file cannot be opened again.
+    pub fn messages(&self, wanted: &[u32]) -> Result<BagReader, FormatError> {
+        BagReader::new(self, wanted)
     }
 
     /// The file, as it was named.
@@ -134,7 +134,17 @@ impl BagIndex {
                 })?;
                 let size = fields.u32("size").ok_or_else(|| missing("size"))?;
                 let (data, counts) = (walk.offset, BTreeMap::new());
-                self.chunks.push(Chunk { record, data, stored: data_length, size, compression, counts });
+                let (stored, size) = (u64::from(data_length), u64::from(size));
+                self.chunks.push(Chunk {
+                    record,
+                    data,
+                    stored,
+                    size,
+                    crc: 0,
+                    compression,
+                    counts,
+                    remedy: COPY,
+                });
             }
             op::INDEX => {
                 let id = fields.u32("conn").ok_or_else(|| missing("conn"))?;
@@ -170,7 +180,8 @@ impl BagIndex {
         if self.connections.len() == MAX_CONNECTIONS {
             return Err(format!("there are more than {MAX_CONNECTIONS} connections"));
         }
-        self.connections.push(Connection { id, topic, type_name, messages: 0 });
+        let (encoding, metadata) = (Encoding::Ros1, BTreeMap::new());
+        self.connections.push(Connection { id, topic, type_name, encoding, metadata, messages: 0 });
         Ok(())
     }
 
@@ -198,5 +209,27 @@ impl BagIndex {
         }
         self.chunks = chunks;
         Ok(())
+    }
+}
+
+impl Chunked for BagIndex {
+    fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn chunks(&self) -> &[Chunk] {
+        &self.chunks
+    }
+
+    fn split(bytes: &[u8]) -> Option<Record> {
+        let (fields, body, after) = split_record(bytes)?;
+        let length = bytes.len() - after.len();
+        let message = match (fields.op(), fields.u32("conn"), fields.time_ns("time")) {
+            (Some(op::MESSAGE), Some(id), Some(time_ns)) => Some((id, time_ns, length - body.len()..length)),
+            // A message without its connection or time cannot be told from damage.
+            (Some(op::MESSAGE), ..) => return None,
+            _ => None,
+        };
+        Some(Record { length, message })
     }
 }

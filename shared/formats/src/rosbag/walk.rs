@@ -97,11 +97,10 @@ impl<'a> Walk<'a> {
             self.read(&mut magic)?;
         }
         if !whole || magic != *MAGIC {
-            let remedy =
-                "give a ROS 1 bag of format 2.0 (`rosbag info` shows it; ROS 2 bags are folders or MCAP)";
+            let remedy = "give a ROS 1 bag of format 2.0, an MCAP or db3 file, or the folder of a ROS 2 bag";
             return Err(self.refused(
                 0,
-                "this is no ROS 1 bag: it does not begin with \"#ROSBAG V2.0\"".to_owned(),
+                "this is no bag: it does not begin with \"#ROSBAG V2.0\"".to_owned(),
                 remedy,
             ));
         }

@@ -1,5 +1,7 @@
 //! Maps to ask about.
 
+#![allow(dead_code, reason = "each test program uses a part")]
+
 use evac_octree::{Key, MapConfig, OctreeMap, Scan, ScanOptions};
 
 /// Random numbers of which tests draw their scenes.

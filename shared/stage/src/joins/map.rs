@@ -2,12 +2,12 @@
 
 use std::collections::VecDeque;
 
-use evac_frames::{MapHeader, Voxel, map_flags};
+use evac_frames::{MapHeader, Route, Voxel, map_flags};
 use evac_ports::services::{MapSnapshot, MapUpdate, SNAPSHOT_REQUEST};
 use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RequestSender};
 
 use super::MAX_HELD;
-use super::seq::SeqTracker;
+use super::gated::GatedFrames;
 use crate::{MapMessage, Reporter};
 
 /// Updates after which an unanswered request is made again: its mapper may have ended.
@@ -15,20 +15,20 @@ const ASK_AGAIN: u64 = MAX_HELD as u64;
 
 /// An update or a snapshot in shared memory.
 #[derive(Debug)]
-pub(super) enum MapSample {
+pub(crate) enum MapSample {
     Update(FrameSample<MapUpdate>),
     Snapshot(FrameSample<MapSnapshot>),
 }
 
 impl MapSample {
-    pub(super) fn header(&self) -> &MapHeader {
+    pub(crate) fn header(&self) -> &MapHeader {
         match self {
             Self::Update(sample) => sample.header(),
             Self::Snapshot(sample) => sample.header(),
         }
     }
 
-    pub(super) fn message(&self) -> MapMessage<'_> {
+    pub(crate) fn message(&self) -> MapMessage<'_> {
         let voxels: &[Voxel] = match self {
             Self::Update(sample) => sample.items(),
             Self::Snapshot(sample) => sample.items(),
@@ -36,26 +36,26 @@ impl MapSample {
         MapMessage { header: self.header(), voxels }
     }
 
-    pub(super) fn is_snapshot(&self) -> bool {
+    pub(crate) fn is_snapshot(&self) -> bool {
         matches!(self, Self::Snapshot(_))
     }
 
-    fn seq(&self) -> u64 {
+    pub(crate) fn seq(&self) -> u64 {
         self.header().frame.seq
     }
 }
 
-/// Which map it is: that of one mapper after so many key frames. Scans that are no key frame change nothing, so a
+/// Which map it is: the one that a mapper began, after so many key frames. Scans that are no key frame change nothing, so a
 /// reader may miss them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Revision {
-    epoch: u32,
+    map_epoch: u32,
     key_frames: u64,
 }
 
 impl Revision {
     fn after(header: &MapHeader) -> Self {
-        Self { epoch: header.frame.epoch, key_frames: header.key_frames }
+        Self { map_epoch: header.map_epoch, key_frames: header.key_frames }
     }
 
     fn before(header: &MapHeader) -> Self {
@@ -67,13 +67,13 @@ impl Revision {
 /// Reads the map's stream. A reader that joins late, or that missed a key frame, asks for a snapshot and goes on from it, so
 /// that it always ends with the same map.
 #[derive(Debug)]
-pub(super) struct MapStream {
-    updates: FrameSubscriber<MapUpdate>,
+pub(crate) struct MapStream {
+    updates: GatedFrames<MapUpdate>,
     snapshots: FrameSubscriber<MapSnapshot>,
     request: RequestSender,
     /// What was not handed on yet, in order; a snapshot only in front.
     held: VecDeque<MapSample>,
-    seq: SeqTracker,
+    limit: u64,
     /// The map after the last message that was handed on; `None` before the first.
     known: Option<Revision>,
     /// The newest update when a snapshot was asked for; `None` when none is awaited.
@@ -81,28 +81,38 @@ pub(super) struct MapStream {
 }
 
 impl MapStream {
-    pub(super) fn open(bus: &Bus) -> Result<(Self, [Listener; 2]), PortError> {
-        let (updates, update_listener) = FrameSubscriber::open(bus)?;
+    pub(crate) fn open(bus: &Bus) -> Result<(Self, [Listener; 2]), PortError> {
+        let (updates, update_listener) = GatedFrames::open(bus)?;
         let (snapshots, snapshot_listener) = FrameSubscriber::open(bus)?;
         let stream = Self {
             updates,
             snapshots,
             request: RequestSender::open(bus, SNAPSHOT_REQUEST)?,
             held: VecDeque::with_capacity(MAX_HELD + 2),
-            seq: SeqTracker::default(),
+            limit: u64::MAX,
             known: None,
             asked_at: None,
         };
         Ok((stream, [update_listener, snapshot_listener]))
     }
 
-    pub(super) fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
-        while let Some(update) = self.updates.receive()? {
-            let frame = update.header().frame;
-            reporter.received(frame.sent_ns);
-            if !self.seq.count(frame.seq, &mut reporter.input) {
-                continue;
-            }
+    pub(crate) fn route(&mut self, route: &Route) {
+        self.updates.route(route);
+    }
+
+    /// From `seq` on messages are held back.
+    pub(crate) fn limit(&mut self, seq: u64) {
+        self.limit = seq;
+    }
+
+    /// Number of the next message, if it can be handed on or is held back by the limit only.
+    pub(crate) fn front(&self) -> Option<&MapSample> {
+        self.held.front().filter(|_| self.is_in_step())
+    }
+
+    pub(crate) fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
+        while let Some(update) = self.updates.receive(&mut reporter.input)? {
+            reporter.received(update.header().frame.sent_ns);
             self.held.push_back(MapSample::Update(update));
             if self.held.len() > MAX_HELD {
                 self.held.pop_front();
@@ -116,8 +126,9 @@ impl MapStream {
     }
 
     /// The next message; nothing while a snapshot is awaited.
-    pub(super) fn next(&mut self) -> Option<MapSample> {
-        let sample = if self.is_in_step() { self.held.pop_front()? } else { return None };
+    pub(crate) fn next(&mut self) -> Option<MapSample> {
+        self.front().filter(|sample| sample.seq() < self.limit)?;
+        let sample = self.held.pop_front()?;
         self.known = Some(Revision::after(sample.header()));
         Some(sample)
     }
@@ -135,10 +146,10 @@ impl MapStream {
             return;
         }
         let header = *snapshot.header();
-        let same_epoch = |newest: &MapSample| newest.header().frame.epoch == header.frame.epoch;
+        let same_map = |newest: &MapSample| newest.header().map_epoch == header.map_epoch;
         let joins = match self.held.iter().find(|update| update.seq() > header.frame.seq) {
             Some(next) => Revision::before(next.header()) == Revision::after(&header),
-            None => self.held.back().is_some_and(same_epoch),
+            None => self.held.back().is_some_and(same_map),
         };
         // Either way the next thing to do is known: go on, or ask for a newer one.
         self.asked_at = None;

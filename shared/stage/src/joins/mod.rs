@@ -2,20 +2,23 @@
 //!
 //! A join keeps scans by borrowing them from shared memory; no cloud is copied.
 
-mod map;
+pub(crate) mod gated;
+pub(crate) mod map;
 mod plan;
 mod scan_imu;
 mod scan_pose;
 mod seq;
 mod sink;
+mod tap;
 
-use evac_frames::FrameHeader;
+use evac_frames::{FrameHeader, Route};
 use evac_ports::{Bus, Listener, PortError};
 
 pub use plan::PlanJoin;
 pub use scan_imu::{DeskewedScanWithImu, RawScanWithImu, ScanImuJoin};
 pub use scan_pose::ScanPoseJoin;
 pub use sink::SinkJoin;
+pub use tap::TapJoin;
 
 use crate::Reporter;
 
@@ -55,6 +58,15 @@ pub trait Join: Sized {
     /// [`PortError`].
     fn open(bus: &Bus, options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError>;
 
+    /// Takes the launcher's word on which instance of a stage is listened to.
+    fn route(&mut self, route: &Route);
+
+    /// From frame `seq` on sets are held back; without a limit at first.
+    fn limit(&mut self, seq: u64);
+
+    /// Number of the first set that is not handed on yet, whole or not.
+    fn front(&self) -> Option<u64>;
+
     /// Takes everything that has come.
     ///
     /// # Errors
@@ -67,6 +79,12 @@ pub trait Join: Sized {
         reporter: &mut Reporter,
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R>;
+
+    /// The frame that is done with once the set counted as `frame` has been processed, which a sink acknowledges: usually the
+    /// same one.
+    fn done(&mut self, frame: &FrameHeader) -> Option<FrameHeader> {
+        Some(*frame)
+    }
 
     /// Host monotonic time at which `next` will go on without what has not come.
     fn deadline_ns(&self) -> Option<i64> {

@@ -2,13 +2,14 @@
 
 use std::collections::VecDeque;
 
-use evac_frames::{FrameHeader, MapHeader, PoseFrame, TrackingState};
+use evac_frames::{FrameHeader, MapHeader, PoseFrame, Route, TrackingState};
 use evac_ports::services::OdometryPose;
-use evac_ports::{Bus, Listener, PortError, RecordSubscriber};
+use evac_ports::{Bus, Listener, PortError};
 
-use super::map::MapStream;
+use super::gated::GatedRecords;
+use super::map::{MapSample, MapStream};
 use super::{Join, JoinOptions};
-use crate::{PlanInput, Reporter};
+use crate::{InputCounters, PlanInput, Reporter};
 
 /// Poses kept until their map update comes: the mapper may be a few seconds behind.
 const MAX_POSES: usize = 128;
@@ -25,9 +26,22 @@ impl Join for PlanJoin {
     type Frame<'a> = PlanInput<'a>;
 
     fn open(bus: &Bus, _options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
-        let (poses, _) = RecordSubscriber::open(bus)?;
+        let (poses, _) = GatedRecords::open(bus)?;
         let (map, listeners) = MapStream::open(bus)?;
         Ok((Self { map, poses: PoseQueue::new(poses) }, listeners.into()))
+    }
+
+    fn route(&mut self, route: &Route) {
+        self.map.route(route);
+        self.poses.route(route);
+    }
+
+    fn limit(&mut self, seq: u64) {
+        self.map.limit(seq);
+    }
+
+    fn front(&self) -> Option<u64> {
+        self.map.front().map(MapSample::seq)
     }
 
     fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
@@ -53,17 +67,22 @@ impl Join for PlanJoin {
 /// Poses in the order of their sequence numbers.
 #[derive(Debug)]
 pub(super) struct PoseQueue {
-    port: RecordSubscriber<OdometryPose>,
+    port: GatedRecords<OdometryPose>,
     queue: VecDeque<PoseFrame>,
 }
 
 impl PoseQueue {
-    pub(super) fn new(port: RecordSubscriber<OdometryPose>) -> Self {
+    pub(super) fn new(port: GatedRecords<OdometryPose>) -> Self {
         Self { port, queue: VecDeque::with_capacity(MAX_POSES + 1) }
     }
 
+    pub(super) fn route(&mut self, route: &Route) {
+        self.port.route(route);
+    }
+
     pub(super) fn take_in(&mut self) -> Result<(), PortError> {
-        while let Some(pose) = self.port.receive()? {
+        // What is missing is counted where it would have been joined.
+        while let Some(pose) = self.port.receive(&mut InputCounters::default())? {
             if self.queue.len() == MAX_POSES {
                 self.queue.pop_front();
             }

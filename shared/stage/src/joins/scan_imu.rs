@@ -2,13 +2,14 @@
 
 use std::collections::VecDeque;
 
-use evac_frames::{FrameHeader, ImuSample, PoseFrame, ScanHeader, frame_flags};
+use evac_frames::{FrameHeader, ImuSample, PoseFrame, Route, ScanHeader, frame_flags};
 use evac_ports::services::{FrameService, Imu, LidarScan, OdometryPose, ScanDeskewed};
-use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RecordSubscriber, now_ns};
+use evac_ports::{Bus, FrameSample, Listener, PortError, RecordSubscriber, now_ns};
 
+use super::gated::{GatedFrames, GatedRecords};
 use super::seq::SeqTracker;
 use super::{Join, JoinOptions, MAX_HELD};
-use crate::{Reporter, ScanWithImu};
+use crate::{InputCounters, Reporter, ScanWithImu};
 
 /// Input of the deskewer: raw scans, IMU, and the pose before as motion prior.
 pub type RawScanWithImu = ScanImuJoin<LidarScan, true>;
@@ -18,6 +19,9 @@ pub type DeskewedScanWithImu = ScanImuJoin<ScanDeskewed, false>;
 /// IMU samples kept: 20 s at 200 Hz; a LiDAR that is silent for longer starts anew.
 const MAX_IMU: usize = 4096;
 
+/// Poses kept as priors: a standby is a few scans behind the odometry.
+const MAX_PRIORS: usize = 32;
+
 /// So many samples in a row from before the newest one are no stragglers: the sensor's clock was set back, or the newest
 /// one's stamp was wrong.
 const MAX_BEHIND: u32 = 40;
@@ -25,19 +29,20 @@ const MAX_BEHIND: u32 = 40;
 /// Joins scans with the IMU samples that cover them and, if `PRIOR`, with the pose of the scan before.
 #[derive(Debug)]
 pub struct ScanImuJoin<S: FrameService<Header = ScanHeader>, const PRIOR: bool> {
-    scans: FrameSubscriber<S>,
+    scans: GatedFrames<S>,
     imu_port: RecordSubscriber<Imu>,
-    pose_port: Option<RecordSubscriber<OdometryPose>>,
+    pose_port: Option<GatedRecords<OdometryPose>>,
     options: JoinOptions,
     held: VecDeque<(FrameSample<S>, i64)>,
     imu: Vec<ImuSample>,
     imu_ended: bool,
     /// Samples in a row that were not later than the newest.
     behind: u32,
-    prior: Option<PoseFrame>,
+    /// In order; all but the first are of scans that have not been handed on.
+    priors: VecDeque<PoseFrame>,
     previous_end_ns: Option<i64>,
-    scan_seq: SeqTracker,
     imu_seq: SeqTracker,
+    limit: u64,
 }
 
 impl<S, const PRIOR: bool> Join for ScanImuJoin<S, PRIOR>
@@ -49,12 +54,12 @@ where
     type Frame<'a> = ScanWithImu<'a>;
 
     fn open(bus: &Bus, options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
-        let (scans, scan_listener) = FrameSubscriber::open(bus)?;
+        let (scans, scan_listener) = GatedFrames::open(bus)?;
         let (imu_port, imu_listener) = RecordSubscriber::open(bus)?;
         let mut listeners = vec![scan_listener, imu_listener];
         let mut pose_port = None;
         if PRIOR {
-            let (port, listener) = RecordSubscriber::open(bus)?;
+            let (port, listener) = GatedRecords::open(bus)?;
             pose_port = Some(port);
             listeners.push(listener);
         }
@@ -67,26 +72,40 @@ where
             imu: Vec::with_capacity(MAX_IMU),
             imu_ended: false,
             behind: 0,
-            prior: None,
+            priors: VecDeque::with_capacity(MAX_PRIORS + 1),
             previous_end_ns: None,
-            scan_seq: SeqTracker::default(),
             imu_seq: SeqTracker::default(),
+            limit: u64::MAX,
         };
         Ok((join, listeners))
     }
 
+    fn route(&mut self, route: &Route) {
+        self.scans.route(route);
+        self.pose_port.iter_mut().for_each(|port| port.route(route));
+    }
+
+    fn limit(&mut self, seq: u64) {
+        self.limit = seq;
+    }
+
+    fn front(&self) -> Option<u64> {
+        self.held.front().map(|(scan, _)| scan.header().frame.seq)
+    }
+
     fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
-        if let Some(port) = &self.pose_port {
-            while let Some(pose) = port.receive()? {
-                self.prior = Some(pose);
+        if let Some(port) = &mut self.pose_port {
+            // A pose that is missing is no frame lost: the next one is as good a prior.
+            while let Some(pose) = port.receive(&mut InputCounters::default())? {
+                if self.priors.len() == MAX_PRIORS {
+                    self.priors.pop_front();
+                }
+                self.priors.push_back(pose);
             }
         }
-        while let Some(scan) = self.scans.receive()? {
+        while let Some(scan) = self.scans.receive(&mut reporter.input)? {
             let frame = scan.header().frame;
             reporter.received(frame.sent_ns);
-            if !self.scan_seq.count(frame.seq, &mut reporter.input) {
-                continue;
-            }
             self.held.push_back((scan, now_ns()));
             if self.held.len() > MAX_HELD {
                 self.held.pop_front();
@@ -105,8 +124,15 @@ where
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R> {
         let waited_too_long = self.deadline_ns().is_some_and(|deadline| now_ns() >= deadline);
+        let frame = self.held.front().map(|(scan, _)| scan.header().frame)?;
+        if frame.seq >= self.limit {
+            return None;
+        }
+        // The latest pose before this scan.
+        while self.priors.get(1).is_some_and(|second| second.frame.seq < frame.seq) {
+            self.priors.pop_front();
+        }
         let (scan, _) = self.held.front()?;
-        let frame = scan.header().frame;
         let imu_end_ns = scan.header().imu_end_ns(self.time_offset_ns(scan.header()));
         let covered = self.imu_ended || self.imu.last().is_some_and(|last| last.stamp_ns >= imu_end_ns);
         let complete = covered && self.prior_is_here(&frame);
@@ -125,7 +151,7 @@ where
             points: scan.items(),
             imu: self.imu.get(first..end).unwrap_or_default(),
             imu_covers: covered,
-            prior: self.prior.as_ref().filter(|prior| PRIOR && prior.frame.seq < frame.seq),
+            prior: self.priors.front().filter(|prior| PRIOR && prior.frame.seq < frame.seq),
         };
         let result = process(input, &frame, reporter);
         self.previous_end_ns = Some(frame.end_ns);
@@ -135,7 +161,8 @@ where
     }
 
     fn deadline_ns(&self) -> Option<i64> {
-        self.held.front().map(|(_, received_ns)| received_ns.saturating_add(self.options.patience_ns))
+        let (scan, received_ns) = self.held.front()?;
+        (scan.header().frame.seq < self.limit).then(|| received_ns.saturating_add(self.options.patience_ns))
     }
 }
 
@@ -173,7 +200,7 @@ impl<S: FrameService<Header = ScanHeader>, const PRIOR: bool> ScanImuJoin<S, PRI
     /// What is known of the offset to add to IMU stamps: the deskewer learns it from the pose before, an odometry from the
     /// deskewer.
     fn time_offset_ns(&self, header: &ScanHeader) -> i64 {
-        match &self.prior {
+        match self.priors.front() {
             Some(prior) if PRIOR => prior.time_offset_ns,
             _ => header.time_offset_ns(),
         }
@@ -183,7 +210,7 @@ impl<S: FrameService<Header = ScanHeader>, const PRIOR: bool> ScanImuJoin<S, PRI
     fn prior_is_here(&self, frame: &FrameHeader) -> bool {
         let waits =
             PRIOR && self.options.lossless && self.options.has_odometry && self.previous_end_ns.is_some();
-        !waits || self.prior.is_some_and(|prior| prior.frame.seq + 1 >= frame.seq)
+        !waits || self.priors.front().is_some_and(|prior| prior.frame.seq + 1 >= frame.seq)
     }
 }
 

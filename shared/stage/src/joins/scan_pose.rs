@@ -2,22 +2,22 @@
 
 use std::collections::VecDeque;
 
-use evac_frames::{FrameHeader, PoseFrame};
+use evac_frames::{FrameHeader, PoseFrame, Route};
 use evac_ports::services::{OdometryPose, ScanDeskewed};
-use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RecordSubscriber};
+use evac_ports::{Bus, FrameSample, Listener, PortError};
 
-use super::seq::SeqTracker;
+use super::gated::{GatedFrames, GatedRecords};
 use super::{Join, JoinOptions, MAX_HELD};
-use crate::{Reporter, ScanWithPose};
+use crate::{InputCounters, Reporter, ScanWithPose};
 
 /// Joins deskewed scans with the poses of the same sequence number.
 #[derive(Debug)]
 pub struct ScanPoseJoin {
-    scans: FrameSubscriber<ScanDeskewed>,
-    poses: RecordSubscriber<OdometryPose>,
+    scans: GatedFrames<ScanDeskewed>,
+    poses: GatedRecords<OdometryPose>,
     held: VecDeque<FrameSample<ScanDeskewed>>,
     waiting: VecDeque<PoseFrame>,
-    seq: SeqTracker,
+    limit: u64,
 }
 
 impl Join for ScanPoseJoin {
@@ -25,21 +25,34 @@ impl Join for ScanPoseJoin {
     type Frame<'a> = ScanWithPose<'a>;
 
     fn open(bus: &Bus, _options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
-        let (scans, scan_listener) = FrameSubscriber::open(bus)?;
-        let (poses, pose_listener) = RecordSubscriber::open(bus)?;
+        let (scans, scan_listener) = GatedFrames::open(bus)?;
+        let (poses, pose_listener) = GatedRecords::open(bus)?;
         let join = Self {
             scans,
             poses,
             held: VecDeque::with_capacity(MAX_HELD + 1),
             waiting: VecDeque::with_capacity(MAX_HELD + 1),
-            seq: SeqTracker::default(),
+            limit: u64::MAX,
         };
         Ok((join, vec![scan_listener, pose_listener]))
     }
 
+    fn route(&mut self, route: &Route) {
+        self.scans.route(route);
+        self.poses.route(route);
+    }
+
+    fn limit(&mut self, seq: u64) {
+        self.limit = seq;
+    }
+
+    fn front(&self) -> Option<u64> {
+        self.held.front().map(|scan| scan.header().frame.seq)
+    }
+
     fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
         // Poses first: a pose is published after its scan, so the scan of every pose taken here is here too.
-        while let Some(pose) = self.poses.receive()? {
+        while let Some(pose) = self.poses.receive(&mut InputCounters::default())? {
             reporter.received(pose.frame.sent_ns);
             self.waiting.push_back(pose);
             if self.waiting.len() > MAX_HELD {
@@ -47,10 +60,7 @@ impl Join for ScanPoseJoin {
                 self.waiting.pop_front();
             }
         }
-        while let Some(scan) = self.scans.receive()? {
-            if !self.seq.count(scan.header().frame.seq, &mut reporter.input) {
-                continue;
-            }
+        while let Some(scan) = self.scans.receive(&mut reporter.input)? {
             self.held.push_back(scan);
             if self.held.len() > MAX_HELD {
                 self.held.pop_front();
@@ -68,6 +78,9 @@ impl Join for ScanPoseJoin {
         loop {
             let (scan, pose) = (self.held.front()?, self.waiting.front()?);
             let frame = scan.header().frame;
+            if frame.seq >= self.limit {
+                return None;
+            }
             match pose.frame.seq.cmp(&frame.seq) {
                 std::cmp::Ordering::Equal => break,
                 // Its scan came before this stage did, or was lost and is counted.

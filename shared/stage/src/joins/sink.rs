@@ -2,14 +2,15 @@
 
 use std::collections::VecDeque;
 
-use evac_frames::{FrameHeader, PoseFrame, ScanHeader};
+use evac_frames::{FrameHeader, PoseFrame, Route, ScanHeader};
 use evac_ports::services::{ScanDeskewed, TruthPose};
-use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RecordSubscriber};
+use evac_ports::{Bus, FrameSample, Listener, PortError, RecordSubscriber};
 
-use super::map::MapStream;
+use super::gated::{GatedFrames, GatedRecords};
+use super::map::{MapSample, MapStream};
 use super::plan::{PoseQueue, position_only};
 use super::{Join, JoinOptions, MAX_HELD};
-use crate::{Reporter, SinkInput};
+use crate::{InputCounters, Reporter, SinkInput};
 
 /// True poses kept: they come first, ahead of the scan by the whole pipeline.
 const MAX_TRUTH: usize = 4 * MAX_HELD;
@@ -19,7 +20,7 @@ const MAX_TRUTH: usize = 4 * MAX_HELD;
 pub struct SinkJoin {
     map: MapStream,
     poses: PoseQueue,
-    scans: FrameSubscriber<ScanDeskewed>,
+    scans: GatedFrames<ScanDeskewed>,
     truth_port: RecordSubscriber<TruthPose>,
     held: VecDeque<FrameSample<ScanDeskewed>>,
     truth: VecDeque<PoseFrame>,
@@ -31,8 +32,8 @@ impl Join for SinkJoin {
     type Frame<'a> = SinkInput<'a>;
 
     fn open(bus: &Bus, _options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
-        let (poses, _) = RecordSubscriber::open(bus)?;
-        let (scans, _) = FrameSubscriber::open(bus)?;
+        let (poses, _) = GatedRecords::open(bus)?;
+        let (scans, _) = GatedFrames::open(bus)?;
         let (truth_port, _) = RecordSubscriber::open(bus)?;
         let (map, listeners) = MapStream::open(bus)?;
         let join = Self {
@@ -46,11 +47,26 @@ impl Join for SinkJoin {
         Ok((join, listeners.into()))
     }
 
+    fn route(&mut self, route: &Route) {
+        self.map.route(route);
+        self.poses.route(route);
+        self.scans.route(route);
+    }
+
+    fn limit(&mut self, seq: u64) {
+        self.map.limit(seq);
+    }
+
+    fn front(&self) -> Option<u64> {
+        self.map.front().map(MapSample::seq)
+    }
+
     fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
         // The map first: it is published last, so the partners of every update taken here are here too.
         self.map.take_in(reporter)?;
         self.poses.take_in()?;
-        while let Some(scan) = self.scans.receive()? {
+        // What is missing is counted where it would have been joined.
+        while let Some(scan) = self.scans.receive(&mut InputCounters::default())? {
             self.held.push_back(scan);
             if self.held.len() > MAX_HELD {
                 self.held.pop_front();

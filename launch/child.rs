@@ -1,0 +1,145 @@
+//! One process of a stage.
+
+use std::os::unix::process::CommandExt as _;
+use std::path::{Path, PathBuf};
+use std::process::{Child as Process, Command, ExitStatus};
+
+use evac_config::StageEntry;
+use evac_ports::{Domain, Ringer};
+use evac_stage::LogOptions;
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process, waitid};
+
+use crate::error::LaunchError;
+
+/// One process of a stage.
+#[derive(Debug)]
+pub(crate) struct Child {
+    /// Name of the stage; its instances share it.
+    pub(crate) name: String,
+    pub(crate) epoch: u32,
+    process: Process,
+    pub(crate) ended: Option<ExitStatus>,
+    /// It has reported itself, and was told the routes then.
+    pub(crate) greeted: bool,
+}
+
+/// How a child is started.
+#[derive(Debug, Clone)]
+pub(crate) struct Surroundings {
+    pub(crate) domain: Domain,
+    pub(crate) log: LogOptions,
+    pub(crate) ringer: Ringer,
+}
+
+impl Child {
+    pub(crate) fn spawn(
+        entry: &StageEntry,
+        file: &Path,
+        (epoch, standby): (u32, bool),
+        around: &Surroundings,
+    ) -> Result<Self, LaunchError> {
+        let (executable, arguments) = executable(entry)?;
+        let mut command = Command::new(&executable);
+        command
+            .args(arguments)
+            .arg("--config")
+            .arg(file)
+            .args(["--name", entry.name(), "--domain", around.domain.name()])
+            .args(["--die-with-parent".to_owned(), std::process::id().to_string()])
+            .args(around.log.as_args())
+            // Of its own, so that Ctrl-C reaches the launcher only and the stages are stopped in order.
+            .process_group(0);
+        // Whoever knows nothing of swaps need not know these options.
+        if epoch > 0 {
+            command.args(["--epoch".to_owned(), epoch.to_string()]);
+        }
+        if standby {
+            command.arg("--standby");
+        }
+        let process = command.spawn().map_err(|cause| {
+            LaunchError::Path(format!(
+                "cannot start stage '{}' ({}): {cause}; check run in the pipeline file",
+                entry.name(),
+                executable.display()
+            ))
+        })?;
+        tracing::debug!(stage = entry.name(), epoch, pid = process.id(), "started");
+        ring_at_end(process.id(), around.ringer.clone());
+        Ok(Self { name: entry.name().to_owned(), epoch, process, ended: None, greeted: false })
+    }
+
+    pub(crate) fn pid(&self) -> u32 {
+        self.process.id()
+    }
+
+    /// Takes note of its end.
+    pub(crate) fn look(&mut self) -> Result<(), LaunchError> {
+        if self.ended.is_none() {
+            self.ended = self.process.try_wait().map_err(|cause| self.lost(&cause))?;
+        }
+        Ok(())
+    }
+
+    /// Ends it at once.
+    pub(crate) fn kill(&mut self) -> Result<(), LaunchError> {
+        if self.ended.is_none() {
+            self.signal(Signal::KILL);
+            self.ended = Some(self.process.wait().map_err(|cause| self.lost(&cause))?);
+        }
+        Ok(())
+    }
+
+    pub(crate) fn signal(&self, signal: Signal) {
+        let pid = i32::try_from(self.process.id()).ok().and_then(Pid::from_raw);
+        if let Some(pid) = pid
+            && let Err(cause) = kill_process(pid, signal)
+        {
+            tracing::debug!(stage = self.name, %cause, "already gone");
+        }
+    }
+
+    /// Why it ended, if not as it should.
+    pub(crate) fn failure(&self) -> LaunchError {
+        use std::os::unix::process::ExitStatusExt as _;
+        let status = self.ended.unwrap_or_default();
+        match status.code() {
+            Some(code @ 1..=5) => {
+                LaunchError::Child { name: self.name.clone(), code: u8::try_from(code).unwrap_or(1) }
+            }
+            Some(code) => LaunchError::Silent(format!("stage '{}' ended with code {code}", self.name)),
+            None => LaunchError::Silent(format!(
+                "stage '{}' was killed by signal {}; look for memory shortage (dmesg) or who killed it",
+                self.name,
+                status.signal().unwrap_or(0)
+            )),
+        }
+    }
+
+    fn lost(&self, cause: &std::io::Error) -> LaunchError {
+        LaunchError::Silent(format!("stage '{}' cannot be watched: {cause}", self.name))
+    }
+}
+
+/// Rings when the child has ended, and leaves it for the launcher to take note of.
+fn ring_at_end(pid: u32, ringer: Ringer) {
+    let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) else { return };
+    let watch = move || {
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT;
+        while matches!(waitid(WaitId::Pid(pid), options), Err(rustix::io::Errno::INTR)) {}
+        ringer.ring();
+    };
+    // Without the thread its end is seen a fraction of a second later.
+    drop(std::thread::Builder::new().name("child".to_owned()).spawn(watch));
+}
+
+/// A stage of evac's own runs from this executable; another is named in the pipeline file.
+fn executable(entry: &StageEntry) -> Result<(PathBuf, Vec<PathBuf>), LaunchError> {
+    match entry.run.as_deref() {
+        Some([executable, arguments @ ..]) => Ok((executable.clone(), arguments.to_vec())),
+        _ => {
+            let own = std::env::current_exe()
+                .map_err(|cause| LaunchError::Path(format!("cannot find my own executable: {cause}")))?;
+            Ok((own, vec![PathBuf::from("stage"), PathBuf::from(&entry.kind)]))
+        }
+    }
+}

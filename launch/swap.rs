@@ -1,0 +1,368 @@
+//! A swap or a standby under way: the new instance starts beside the old one, and only when it is ready anything changes.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use evac_config::{Pipeline, StageEntry};
+use evac_formats::write_atomically;
+use evac_frames::{Health, StageState};
+use evac_recorder::Recorder;
+use evac_stage::Stage as _;
+use rustix::process::Signal;
+
+use crate::child::Child;
+use crate::control::{Order, Outcome, Reply, Request};
+use crate::error::LaunchError;
+use crate::registry::{ODOMETRIES, Role, kind};
+use crate::supervisor::Supervisor;
+
+/// How long the old instance may take to finish the frame that it is at, before it is taken for hung and killed.
+const HAND_OVER_PATIENCE: Duration = Duration::from_secs(10);
+/// How long the old instance stays after the new one leads, so that slow readers find everything in its place.
+const LINGER: Duration = Duration::from_millis(300);
+/// How long it may take to end then.
+const END_PATIENCE: Duration = Duration::from_secs(5);
+
+/// A request that is being carried out.
+#[derive(Debug)]
+pub(crate) struct Operation {
+    order: Order,
+    reply: Reply,
+    slot: usize,
+    entry: StageEntry,
+    /// The new instance.
+    epoch: u32,
+    pid: u32,
+    started: Instant,
+    ready_s: f64,
+    phase: Phase,
+}
+
+#[derive(Debug)]
+enum Phase {
+    /// The new one warms up.
+    WarmUp { until: Instant },
+    /// The old one has been asked to stop.
+    HandOver { old: u32, since: Instant },
+    /// The new one leads as soon as it has followed the old one to its end.
+    TakeOver { old: Option<u32>, since: Instant, from_seq: u64 },
+    /// The new one leads, and the old one is told to end.
+    Linger { old: u32, since: Instant, told: bool, outcome: Outcome },
+}
+
+/// What became of an operation.
+enum Step {
+    Waits(Operation),
+    Done,
+}
+
+impl Supervisor {
+    /// Takes up a request, or says why not.
+    pub(crate) fn take_request(&mut self, request: &Request, mut reply: Reply) {
+        if self.operation.is_some() {
+            return reply.fail("another request is under way; ask again when it is through");
+        }
+        match self.begin(request) {
+            Ok((slot, entry, epoch, pid)) => {
+                reply.progress(&format!(
+                    "instance {epoch} of '{}' ({}) starts, pid {pid}",
+                    request.stage, entry.kind
+                ));
+                let now = Instant::now();
+                let patience = Duration::try_from_secs_f64(request.patience_s).unwrap_or(Duration::MAX);
+                let until = now.checked_add(patience).unwrap_or(now + Duration::from_secs(86_400));
+                self.operation = Some(Operation {
+                    order: request.order,
+                    reply,
+                    slot,
+                    entry,
+                    epoch,
+                    pid,
+                    started: now,
+                    ready_s: 0.0,
+                    phase: Phase::WarmUp { until },
+                });
+            }
+            Err(cause) => reply.fail(&cause.to_string()),
+        }
+    }
+
+    fn begin(&mut self, request: &Request) -> Result<(usize, StageEntry, u32, u32), LaunchError> {
+        let slot = self.slot_of(&request.stage)?;
+        let entry = self.entry_for(slot, request)?;
+        let is_as_before = request.run.is_none() && request.kind.is_none() && request.config.is_none();
+        if request.order == Order::Swap
+            && is_as_before
+            && let Some((epoch, pid)) = self.ready_standby(slot)
+        {
+            return Ok((slot, entry, epoch, pid));
+        }
+        let (epoch, pid) = self.start_standby(slot, &entry)?;
+        Ok((slot, entry, epoch, pid))
+    }
+
+    /// Starts an instance that follows; gives its epoch and pid.
+    pub(crate) fn start_standby(
+        &mut self,
+        slot: usize,
+        entry: &StageEntry,
+    ) -> Result<(u32, u32), LaunchError> {
+        let mut pipeline = self.pipeline.clone();
+        if let Some(place) = pipeline.stages.get_mut(slot) {
+            *place = entry.clone();
+        }
+        crate::check::check(&pipeline).map_err(LaunchError::Path)?;
+        let epoch = self.slots.get_mut(slot).map_or(0, |slot| slot.take_epoch());
+        let file = self.around.domain.folder().join(format!("{}-{epoch}.toml", entry.name()));
+        let text = toml::to_string(&pipeline)
+            .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
+        write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        let child = Child::spawn(entry, &file, (epoch, true), &self.around)?;
+        let pid = child.pid();
+        self.children.push(child);
+        Ok((epoch, pid))
+    }
+
+    /// The stage by its name; `odometry` is whichever there is.
+    fn slot_of(&self, name: &str) -> Result<usize, LaunchError> {
+        let by_name = self.slots.iter().position(|slot| slot.name() == name);
+        let is_odometry = |kind: &str| name == "odometry" && ODOMETRIES.contains(&kind);
+        let found = by_name.or_else(|| self.slots.iter().position(|slot| is_odometry(&slot.entry.kind)));
+        let Some((index, slot)) = found.and_then(|index| Some((index, self.slots.get(index)?))) else {
+            let names: Vec<_> = self.slots.iter().map(|slot| slot.name()).collect();
+            return Err(LaunchError::Path(format!(
+                "there is no stage '{name}'; the pipeline has: {}",
+                names.join(", ")
+            )));
+        };
+        if slot.role == Role::Producer {
+            return Err(LaunchError::Path(format!(
+                "'{name}' is a producer, of which one at a time has the sensor; stop the pipeline to replace it"
+            )));
+        }
+        if slot.entry.kind == Recorder::NAME {
+            return Err(LaunchError::Path(format!(
+                "'{name}' records, and a second one beside it would write over its files; run another recorder into another folder"
+            )));
+        }
+        Ok(index)
+    }
+
+    /// The new instance's entry of the pipeline.
+    fn entry_for(&self, slot: usize, request: &Request) -> Result<StageEntry, LaunchError> {
+        let Some(old) = self.slots.get(slot).map(|slot| &slot.entry) else {
+            return Err(LaunchError::Path("no such stage".to_owned()));
+        };
+        let mut entry = StageEntry { name: Some(old.name().to_owned()), ..old.clone() };
+        if let Some(new) = &request.kind {
+            if kind(new)?.writes != kind(&old.kind)?.writes {
+                return Err(LaunchError::Path(format!(
+                    "a stage of kind '{new}' does not write what '{}' does ({}); choose one that does",
+                    old.name(),
+                    kind(&old.kind)?.writes.join(", ")
+                )));
+            }
+            if *new != old.kind {
+                new.clone_into(&mut entry.kind);
+                entry.config.clear();
+                entry.run = None;
+            }
+        }
+        if request.run.is_some() {
+            entry.run.clone_from(&request.run);
+        }
+        if let Some(file) = &request.config {
+            entry.config = config_from(file, &entry)?;
+        }
+        Ok(entry)
+    }
+
+    /// An instance that could take over.
+    pub(crate) fn ready_standby(&self, slot: usize) -> Option<(u32, u32)> {
+        let slot = self.slots.get(slot)?;
+        let is_standby =
+            |child: &&Child| child.name == slot.name() && child.epoch != slot.epoch && child.ended.is_none();
+        let is_ready = |child: &&Child| self.state_of(child) == Some(StageState::Ready as u32);
+        self.children.iter().filter(is_standby).find(is_ready).map(|child| (child.epoch, child.pid()))
+    }
+
+    fn state_of(&self, child: &Child) -> Option<u32> {
+        let health = self.board.of(&child.name, child.epoch)?;
+        (health.pid == child.pid()).then_some(health.state)
+    }
+
+    /// Carries the operation on as far as it goes now.
+    pub(crate) fn operate(&mut self) -> Result<(), LaunchError> {
+        while let Some(operation) = self.operation.take() {
+            let phase = std::mem::discriminant(&operation.phase);
+            match self.step(operation)? {
+                Step::Waits(operation) => {
+                    let moved = std::mem::discriminant(&operation.phase) != phase;
+                    self.operation = Some(operation);
+                    if !moved {
+                        return Ok(());
+                    }
+                }
+                Step::Done => return Ok(()),
+            }
+        }
+        Ok(())
+    }
+
+    fn step(&mut self, mut operation: Operation) -> Result<Step, LaunchError> {
+        let (slot, epoch) = (operation.slot, operation.epoch);
+        let Some(old) = self.slots.get(slot).map(|slot| slot.epoch) else { return Ok(Step::Done) };
+        let name = operation.entry.name().to_owned();
+        let state = self.child(&name, epoch).and_then(|child| self.state_of(child));
+        let gone = self.child(&name, epoch).is_none_or(|child| child.ended.is_some());
+        match operation.phase {
+            Phase::WarmUp { until } => {
+                if gone {
+                    let why = self.why(&name, epoch);
+                    return self
+                        .give_up(operation, &format!("the new instance ended before it was ready: {why}"));
+                }
+                if old == epoch {
+                    // The routed instance has died meanwhile, and this one leads already.
+                    operation.phase = Phase::TakeOver { old: None, since: Instant::now(), from_seq: 0 };
+                    return Ok(Step::Waits(operation));
+                }
+                if state != Some(StageState::Ready as u32) {
+                    if Instant::now() < until {
+                        return Ok(Step::Waits(operation));
+                    }
+                    let word = match state {
+                        Some(state) if state == StageState::Following as u32 => "it follows but is not ready",
+                        _ => "it has said nothing",
+                    };
+                    let waited = operation.started.elapsed().as_secs_f64();
+                    return self.give_up(
+                        operation,
+                        &format!("after {waited:.0} s {word}; give it longer with --patience"),
+                    );
+                }
+                operation.ready_s = operation.started.elapsed().as_secs_f64();
+                if operation.order == Order::Standby {
+                    operation.reply.done(&operation.outcome(None, None));
+                    return Ok(Step::Done);
+                }
+                operation.reply.progress(&format!("ready after {:.1} s", operation.ready_s));
+                self.say(slot, |slot| slot.ask_to_hand_over())?;
+                operation.phase = Phase::HandOver { old, since: Instant::now() };
+            }
+            Phase::HandOver { old, since } => {
+                if gone {
+                    let why = self.why(&name, epoch);
+                    self.say(slot, |slot| slot.go_on())?;
+                    return self
+                        .give_up(operation, &format!("the new instance ended while it took over: {why}"));
+                }
+                let retired = self
+                    .board
+                    .of(&name, old)
+                    .filter(|health| health.state == StageState::Retired as u32)
+                    .map(|health| health.last_seq);
+                let old_gone = self.child(&name, old).is_none_or(|child| child.ended.is_some());
+                if let Some(last_seq) = retired {
+                    let route = self.lead(slot, &operation.entry, |slot| slot.hand_over(epoch, last_seq))?;
+                    operation.phase = Phase::TakeOver { old: Some(old), since, from_seq: route };
+                } else if old_gone || since.elapsed() > HAND_OVER_PATIENCE {
+                    operation.reply.progress("the old instance does not answer; it is killed");
+                    self.end(&name, old)?;
+                    self.lead(slot, &operation.entry, |slot| slot.take_over(epoch))?;
+                    operation.phase = Phase::TakeOver { old: None, since, from_seq: 0 };
+                } else {
+                    return Ok(Step::Waits(operation));
+                }
+            }
+            Phase::TakeOver { old, since, from_seq } => {
+                let leads = state.is_some_and(|state| {
+                    state == StageState::Running as u32 || state == StageState::Finished as u32
+                });
+                if gone || !leads {
+                    // Its death is that of the instance that leads, and handled as such.
+                    return Ok(if gone { Step::Done } else { Step::Waits(operation) });
+                }
+                let ms = since.elapsed().as_secs_f64() * 1e3;
+                let outcome = operation.outcome(Some(from_seq), Some(ms));
+                let Some(old) = old else {
+                    operation.reply.done(&outcome);
+                    return Ok(Step::Done);
+                };
+                operation.phase = Phase::Linger { old, since: Instant::now(), told: false, outcome };
+            }
+            Phase::Linger { old, since, told, outcome } => {
+                let ended = self.child(&name, old).is_none_or(|child| child.ended.is_some());
+                if ended || since.elapsed() > LINGER + END_PATIENCE {
+                    self.end(&name, old)?;
+                    self.say(slot, |slot| slot.alone())?;
+                    operation.reply.done(&outcome);
+                    return Ok(Step::Done);
+                }
+                let due = since.elapsed() > LINGER;
+                if due
+                    && !told
+                    && let Some(child) = self.child(&name, old)
+                {
+                    child.signal(Signal::TERM);
+                }
+                operation.phase = Phase::Linger { old, since, told: told || due, outcome };
+            }
+        }
+        Ok(Step::Waits(operation))
+    }
+
+    /// The new instance is killed, and the old one is what it was.
+    fn give_up(&mut self, mut operation: Operation, cause: &str) -> Result<Step, LaunchError> {
+        self.end(&operation.entry.name().to_owned(), operation.epoch)?;
+        tracing::warn!(stage = operation.entry.name(), cause, "nothing is swapped");
+        operation.reply.fail(&format!("{}: {cause}; the old instance goes on", operation.entry.name()));
+        Ok(Step::Done)
+    }
+
+    /// Why an instance ended: in its own words, if it had any.
+    fn why(&self, name: &str, epoch: u32) -> String {
+        let own =
+            self.board.of(name, epoch).map(|health| Health::text_of(&health.reason)).unwrap_or_default();
+        let failure = self.child(name, epoch).map_or_else(String::new, |child| child.failure().to_string());
+        if own.is_empty() { failure } else { own }
+    }
+}
+
+impl Operation {
+    /// Whether the instance is one that the operation looks after.
+    pub(crate) fn is_about(&self, name: &str, epoch: u32) -> bool {
+        let old = match &self.phase {
+            Phase::WarmUp { .. } => None,
+            Phase::HandOver { old, .. } | Phase::Linger { old, .. } => Some(*old),
+            Phase::TakeOver { old, .. } => *old,
+        };
+        self.entry.name() == name && (self.epoch == epoch || old == Some(epoch))
+    }
+
+    fn outcome(&self, from_seq: Option<u64>, handover_ms: Option<f64>) -> Outcome {
+        Outcome {
+            stage: self.entry.name().to_owned(),
+            kind: self.entry.kind.clone(),
+            pid: self.pid,
+            epoch: self.epoch,
+            from_seq,
+            ready_s: self.ready_s,
+            handover_ms,
+        }
+    }
+}
+
+/// The configuration of the stage of that name or kind in a pipeline file.
+fn config_from(file: &PathBuf, entry: &StageEntry) -> Result<toml::Table, LaunchError> {
+    let pipeline = Pipeline::read(Path::new(file))?;
+    let by_name = pipeline.stage(entry.name()).filter(|found| found.kind == entry.kind);
+    let found = by_name.or_else(|| pipeline.stages.iter().find(|found| found.kind == entry.kind));
+    found.map(|found| found.config.clone()).ok_or_else(|| {
+        LaunchError::Path(format!(
+            "{}: there is no [[stage]] of kind '{}' in it; add one with its [stage.config]",
+            file.display(),
+            entry.kind
+        ))
+    })
+}
