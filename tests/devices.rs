@@ -27,10 +27,9 @@ fn a_walk_through_the_drivers_becomes_the_same_map_as_without_them() {
     }
     assert!(!bench.path("out/wt901c").exists(), "the serial port is unplugged at the end");
     assert_eq!(bench.leftovers(), Vec::<String>::new());
-    // A busy machine may lose packets or be late with scans, and says so; then nothing can be said about the map.
-    let undisturbed = summary["stages"]["device_simulator"]["frames"]["degraded"] == 0
-        && summary["stages"]["lidar"]["frames"]["degraded"] == 0
-        && summary["frames_lost"] == 0;
+    // On a busy machine packets may get lost or scans be simulated too late, and both are said; then nothing follows for the map.
+    let degraded = |stage: &str| summary["stages"][stage]["frames"]["degraded"].as_u64();
+    let undisturbed = degraded("device_simulator") == Some(0) && degraded("lidar") == Some(0);
     if undisturbed {
         assert!(summary["drift"]["end_percent"].as_f64().unwrap() < 2.0, "{}", summary["drift"]);
     } else {
