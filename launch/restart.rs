@@ -13,7 +13,7 @@ use evac_ports::{Bus, PortError, RecordPublisher, RecordSubscriber};
 
 use crate::child::Child;
 use crate::error::LaunchError;
-use crate::registry::ODOMETRIES;
+use crate::registry::{ODOMETRIES, Role};
 use crate::supervisor::Supervisor;
 
 /// Crashes of one stage within `WINDOW` that are put up with, and how long is waited before each new start.
@@ -94,7 +94,9 @@ impl Supervisor {
 
     /// Plans the restart of a stage whose instance `child` has died; false where there will be none.
     pub(crate) fn plan_restart(&mut self, slot: usize, child: (&str, u32)) -> Result<bool, LaunchError> {
-        let crashed = self.child(child.0, child.1).is_some_and(crashed);
+        // A producer counts its frames from zero, which would be old ones to all others.
+        let is_producer = self.slots.get(slot).is_none_or(|slot| slot.role == Role::Producer);
+        let crashed = !is_producer && self.child(child.0, child.1).is_some_and(crashed);
         let Some(restarts) = self.restarts.as_mut().filter(|_| crashed) else { return Ok(false) };
         let Some(wait) = restarts.back_off(slot) else { return Ok(false) };
         restarts.under_way.retain(|restart| restart.slot != slot);
