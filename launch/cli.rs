@@ -59,7 +59,8 @@ pub(crate) enum Command {
     Doctor(crate::doctor::DoctorArgs),
     /// Run one stage in this process
     #[command(
-        after_help = "Kinds: simulator, replay, imu, deskewer, lio, loam, octree_mapper, grid_exporter, map_saver, recorder"
+        after_help = "Kinds: simulator, replay, device_simulator, lidar, imu, deskewer, lio, loam, octree_mapper, grid_exporter, \
+                      map_saver, recorder"
     )]
     Stage(StageArgs),
     /// Turn a point cloud into octree files, voxel centres and flat maps
@@ -137,6 +138,9 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
+    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
+    #[arg(long, conflicts_with = "record")]
+    pub(crate) devices: bool,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
@@ -236,7 +240,7 @@ pub(crate) struct SwapArgs {
     /// Another kind that writes the same, for example loam in the place of lio
     #[arg(long)]
     pub(crate) kind: Option<String>,
-    /// Another executable that keeps the contract, and its first arguments
+    /// Another executable that keeps the contract, and its first arguments; to be given last
     #[arg(long, value_name = "EXECUTABLE", num_args = 1.., allow_hyphen_values = true)]
     pub(crate) run: Option<Vec<PathBuf>>,
     /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]

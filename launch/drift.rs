@@ -1,6 +1,6 @@
 //! How far a trajectory ends from the truth, as summary.json says it.
 
-use evac_evaluation::{Evaluation, EvaluationError, associate};
+use evac_evaluation::{Evaluation, EvaluationError, Pairs};
 use evac_formats::tum::TumPose;
 use serde::Serialize;
 
@@ -23,11 +23,18 @@ pub(crate) struct Drift {
     pub(crate) ape_max_m: f64,
 }
 
-/// Compares two trajectories of the LiDAR. Their times may differ by a constant: both are counted from their first pose.
+/// How poses of the same time are found.
+pub(crate) type Associate = fn(&[TumPose], &[TumPose]) -> Result<Pairs, EvaluationError>;
+
+/// Compares two trajectories of the LiDAR.
 ///
 /// # Errors
-/// Those of [`associate`]; `None` where fewer than two frames can be compared.
-pub(crate) fn drift(truth: &[TumPose], estimate: &[TumPose]) -> Result<Option<Drift>, EvaluationError> {
+/// Those of `associate`; `None` where fewer than two frames can be compared.
+pub(crate) fn drift(
+    truth: &[TumPose],
+    estimate: &[TumPose],
+    associate: Associate,
+) -> Result<Option<Drift>, EvaluationError> {
     let evaluation = Evaluation::of(&associate(truth, estimate)?);
     Ok(evaluation.map(|evaluation| Drift {
         frames: evaluation.frames,

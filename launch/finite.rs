@@ -17,6 +17,7 @@ use crate::progress::Bar;
 use crate::registry::ODOMETRIES;
 use crate::summary::{self, Run};
 use crate::supervisor::{Progress, Supervisor, interrupted};
+use crate::{cpu, devices};
 
 const DEMO: &str = include_str!("pipelines/demo.toml");
 const MAP: &str = include_str!("pipelines/map.toml");
@@ -24,7 +25,10 @@ const MAP: &str = include_str!("pipelines/map.toml");
 /// `evac demo`.
 pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     start_logging(&args.log);
-    let mut pipeline = Pipeline::parse(Path::new("demo.toml"), DEMO)?;
+    let mut pipeline = match args.devices {
+        true => devices::pipeline(&args.output)?,
+        false => Pipeline::parse(Path::new("demo.toml"), DEMO)?,
+    };
     if args.real_time {
         pipeline.mode = Mode::Live;
     }
@@ -32,21 +36,26 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     let world = Value::try_from(args.world)
         .map_err(|cause| LaunchError::Path(format!("--world {:?}: {cause}", args.world)))?;
     let about = format!("simulated {}, seed {}", world.as_str().unwrap_or_default(), args.seed);
-    set(&mut pipeline, "simulator", "world", world);
+    let mut set_walk = |key: &str, value: Value| match args.devices {
+        true => devices::set_walk(&mut pipeline, key, value),
+        false => set(&mut pipeline, "simulator", key, value),
+    };
+    set_walk("world", world);
     for (key, value) in [("seed", args.seed), ("building", args.building)] {
         let number = i64::try_from(value).map_err(|_| {
             LaunchError::Path(format!("--{key} {value} is too large; use at most {}", i64::MAX))
         })?;
-        set(&mut pipeline, "simulator", key, Value::from(number));
+        set_walk(key, Value::from(number));
     }
     if let Some(duration) = args.duration {
-        set(&mut pipeline, "simulator", "duration_s", Value::from(duration));
+        set_walk("duration_s", Value::from(duration));
     }
     if let Some(folder) = &args.record {
         create_folder(folder)?;
-        set(&mut pipeline, "simulator", "record", path_value(folder)?);
+        set_walk("record", path_value(folder)?);
     }
-    let run = Run { command: "demo", output: &args.output, truth: None, about };
+    let ends_with = args.devices.then_some(devices::SIMULATOR);
+    let run = Run { command: "demo", output: &args.output, truth: None, about, ends_with };
     run_to_the_end(pipeline, &Domain::new(&args.domain)?, args.resolution, &args.log, &run)
 }
 
@@ -72,6 +81,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
         output: &args.output,
         truth: args.truth.as_deref(),
         about: args.recording.name(),
+        ends_with: None,
     };
     run_to_the_end(pipeline, &domain, args.resolution, &args.log, &run)
 }
@@ -137,16 +147,19 @@ fn run_to_the_end(
     let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, domain, log)?;
     let bar = Bar::new(&run.about);
     let mut frames = 0;
+    let mut end = devices::End::of(run.ends_with);
     let ended = wakeups.wait(|_| match step(&mut supervisor, &bar, &mut frames) {
         Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
+        Ok(Progress::Running) if end.has_come(supervisor.board()) => ControlFlow::Break(Ok(())),
         Ok(Progress::Running) => ControlFlow::Continue(Duration::from_millis(100)),
         Ok(Progress::Finished) => ControlFlow::Break(Ok(())),
         Err(error) => ControlFlow::Break(Err(error)),
     })?;
     bar.end();
+    let cpu = cpu::shares(supervisor.board());
     let stopped = supervisor.stop();
     ended.and(stopped)?;
-    summary::write(run, &pipeline, supervisor.board(), started.elapsed())
+    summary::write(run, &pipeline, supervisor.board(), &cpu, started.elapsed())
 }
 
 fn step(supervisor: &mut Supervisor, bar: &Bar, frames: &mut u64) -> Result<Progress, LaunchError> {
@@ -204,7 +217,7 @@ fn existing_bag(path: &PathBuf) -> Result<Value, LaunchError> {
     if path.is_dir() { path_value(path) } else { existing(path) }
 }
 
-fn path_value(path: &Path) -> Result<Value, LaunchError> {
+pub(crate) fn path_value(path: &Path) -> Result<Value, LaunchError> {
     let absolute = std::path::absolute(path)
         .map_err(|cause| LaunchError::Path(format!("{}: {cause}; check the path", path.display())))?;
     match absolute.to_str() {

@@ -6,6 +6,8 @@ mod child;
 mod cli;
 mod control;
 mod convert;
+mod cpu;
+mod devices;
 mod doctor;
 mod drift;
 mod error;

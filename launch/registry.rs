@@ -4,12 +4,14 @@ use evac_config::StageEntry;
 use evac_deskewer::Deskewer;
 use evac_grid_exporter::GridExporter;
 use evac_imu::Imu;
+use evac_lidar::Lidar;
 use evac_map_saver::MapSaver;
 use evac_octree_mapper::OctreeMapper;
 use evac_odometry::{Lio, Loam};
 use evac_recorder::Recorder;
 use evac_replay::Replay;
 use evac_simulator::Simulator;
+use evac_simulator::devices::DeviceSimulator;
 use evac_stage::joins::{
     DeskewedScanWithImu, Join, PlanJoin, RawScanWithImu, ScanPoseJoin, SinkJoin, TapJoin,
 };
@@ -48,10 +50,12 @@ pub(crate) struct Kind {
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
 /// All kinds, in the order in which data flows.
-pub(crate) fn kinds() -> [Kind; 10] {
+pub(crate) fn kinds() -> [Kind; 12] {
     [
         source::<Simulator>(),
         source::<Replay>(),
+        device::<DeviceSimulator>(),
+        device::<Lidar>(),
         device::<Imu>(),
         stage::<Deskewer, RawScanWithImu>(Role::Processor),
         stage::<Lio, DeskewedScanWithImu>(Role::Processor),

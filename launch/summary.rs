@@ -1,10 +1,12 @@
 //! summary.json and the last lines on the terminal.
 
+use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
 use evac_config::Pipeline;
+use evac_evaluation::{associate, associate_absolute};
 use evac_formats::{tum, write_atomically};
 use serde_json::{Map, Value, json};
 
@@ -35,6 +37,8 @@ pub(crate) struct Run<'a> {
     /// Truth given by the user; a simulated walk leaves its own in the folder.
     pub(crate) truth: Option<&'a Path>,
     pub(crate) about: String,
+    /// The stage with whose last frame the run ends, where no sink can tell.
+    pub(crate) ends_with: Option<&'static str>,
 }
 
 /// Writes summary.json and prints what matters of it. Lost frames are said, not hidden.
@@ -42,6 +46,7 @@ pub(crate) fn write(
     run: &Run<'_>,
     pipeline: &Pipeline,
     board: &HealthBoard,
+    cpu: &BTreeMap<String, f64>,
     took: Duration,
 ) -> Result<(), LaunchError> {
     let trajectory = tum::read(&run.output.join("trajectory.tum"))?;
@@ -54,7 +59,9 @@ pub(crate) fn write(
     };
     let drift = truth.and_then(|truth| {
         // The maps are there all the same.
-        drift(&truth, &trajectory).unwrap_or_else(|cause| {
+        // Devices and truth are on the host's clock, and the first scans go by while the device's clock is being fitted.
+        let pairs = if run.ends_with.is_some() { associate_absolute } else { associate };
+        drift(&truth, &trajectory, pairs).unwrap_or_else(|cause| {
             eprintln!("no drift in the summary: {cause}");
             None
         })
@@ -63,7 +70,11 @@ pub(crate) fn write(
     let stages: Map<String, Value> = board
         .all()
         .map(|(name, health)| {
-            (name.to_owned(), json!({ "frames": frames_json(health), "latency": latency_json(health) }))
+            let cpu = cpu.get(name);
+            (
+                name.to_owned(),
+                json!({ "frames": frames_json(health), "latency": latency_json(health), "cpu_percent": cpu }),
+            )
         })
         .collect();
     let odometry = pipeline.stages.iter().find(|entry| ODOMETRIES.contains(&entry.kind.as_str()));

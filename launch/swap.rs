@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 use evac_config::{Pipeline, StageEntry};
 use evac_formats::write_atomically;
 use evac_frames::{Health, StageState};
+use evac_recorder::Recorder;
+use evac_stage::Stage as _;
 use rustix::process::Signal;
 
 use crate::child::Child;
@@ -136,6 +138,11 @@ impl Supervisor {
         if slot.role == Role::Producer {
             return Err(LaunchError::Path(format!(
                 "'{name}' is a producer, of which one at a time has the sensor; stop the pipeline to replace it"
+            )));
+        }
+        if slot.entry.kind == Recorder::NAME {
+            return Err(LaunchError::Path(format!(
+                "'{name}' records, and a second one beside it would write over its files; run another recorder into another folder"
             )));
         }
         Ok(index)

@@ -23,6 +23,7 @@ fn allowed(name: &str) -> &'static [&'static str] {
         "evac-simulator" | "evac-replay" | "evac-map-saver" | "evac-recorder" => {
             &["evac-frames", "evac-geometry", "evac-octree", "evac-formats", "evac-stage"]
         }
+        "evac-lidar" => &["evac-clock", "evac-formats", "evac-frames", "evac-stage"],
         "evac-imu" => &["evac-clock", "evac-formats", "evac-frames", "evac-geometry", "evac-stage"],
         "evac-experiments" => &[
             "evac-config",

@@ -121,13 +121,22 @@ fn no_stage_outlives_a_killed_launcher_and_the_next_one_cleans_up() {
 }
 
 #[test]
-fn a_stage_that_dies_ends_the_pipeline_with_its_name() {
+fn a_stage_that_dies_is_started_again_but_not_for_ever_and_then_ends_the_pipeline_with_its_name() {
     let bench = Bench::new();
     let file = pipeline(&bench);
     let up = Running::start(bench.evac(["up", &file]));
     let status = running_status(&bench, &file);
-    let lio = i32::try_from(status["stages"]["lio"]["pid"].as_i64().unwrap()).unwrap();
-    rustix::process::kill_process(rustix::process::Pid::from_raw(lio).unwrap(), Signal::KILL).unwrap();
+    let mut killed = Value::Null;
+    for epoch in 0..4 {
+        let lio = wait_for("lio to run again", || {
+            let status: Value = serde_json::from_str(&bench.run(["status", "--json", &file]).stdout).ok()?;
+            let lio = status["stages"]["lio"].clone();
+            (lio["state"] == "running" && lio["epoch"] == epoch && lio["pid"] != killed).then_some(lio)
+        });
+        killed = lio["pid"].clone();
+        let pid = i32::try_from(killed.as_i64().unwrap()).unwrap();
+        rustix::process::kill_process(rustix::process::Pid::from_raw(pid).unwrap(), Signal::KILL).unwrap();
+    }
     let ended = up.end();
     assert_eq!(ended.code, 1);
     assert!(ended.stderr.contains("'lio'") && ended.stderr.contains("signal 9"), "{}", ended.stderr);

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use evac_ports::Domain;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use client::{standby, swap};
+pub(crate) use client::{ask, standby, swap};
 pub(crate) use server::{Reply, Server};
 
 /// What a launcher can be asked for, one line.

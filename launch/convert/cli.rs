@@ -27,9 +27,9 @@ pub(crate) struct ConvertArgs {
     /// Height of the storey that the flat map shows, metres [default: the one with most ground]
     #[arg(long, value_name = "Z", allow_negative_numbers = true)]
     pub(super) storey: Option<f64>,
-    /// Most bricks of 8 x 8 x 8 voxels (0.1 to 1 kB each)
-    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u32).range(1..))]
-    pub(super) max_bricks: u32,
+    /// Most memory that the map may take, MiB
+    #[arg(long, value_name = "MIB", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub(super) max_map_mib: u32,
 }
 
 /// Which points go into the map (paper section 3.1).

@@ -3,7 +3,8 @@
 mod cli;
 pub(crate) mod flat_map;
 pub(crate) mod output;
-mod source;
+pub(crate) mod source;
+mod tiles;
 
 use std::time::Instant;
 
@@ -35,7 +36,8 @@ pub(crate) fn convert(args: &ConvertArgs) -> Result<(), LaunchError> {
     let filter = CloudFilter::new(config).map_err(usage)?;
     let again = config.outliers.is_some() || config.ground.is_some();
     let mut source = FileSource::new(args.cloud.clone(), args.filters.origin(), again);
-    let map_config = MapConfig { max_bricks: args.max_bricks, ..MapConfig::new(args.resolution) };
+    let max_bytes = args.max_map_mib as usize * (1 << 20);
+    let map_config = MapConfig { max_bytes, ..MapConfig::new(args.resolution) };
     let mut cloud = CloudMap::new(map_config).map_err(|cause| usage(cause.to_string()))?;
     let removed = fill(&mut cloud, &filter, &mut source, args.filters.remove_ground)?;
     let write_as = if args.binary { WriteAs::Binary } else { WriteAs::Ascii };
@@ -97,7 +99,7 @@ fn report(args: &ConvertArgs, cloud: &CloudMap, removed: &Removed, source: &File
 fn complain(cloud: &CloudMap, removed: &Removed, source: &FileSource) -> Result<(), LaunchError> {
     if cloud.full > 0 {
         return Err(LaunchError::Silent(format!(
-            "{} points did not fit into the map; use a coarser --resolution or more --max-bricks",
+            "{} points did not fit into the map; use a coarser --resolution or more --max-map-mib",
             cloud.full
         )));
     }

@@ -6,15 +6,16 @@ use evac_formats::FormatError;
 use evac_formats::cloud::{Origin, Reader};
 use evac_octree_mapper::CloudSource;
 
+use super::tiles::arranged;
 use crate::progress::bar;
 
 /// Points between two steps of the progress bar.
 const STEP: u64 = 65_536;
-/// Clouds of up to so many points (100 MB) are kept after the first pass.
+/// Clouds of up to so many points (0.2 GB while they are put in order) are kept.
 const KEPT: u64 = 8_000_000;
 
 /// The points of a file.
-pub(super) struct FileSource {
+pub(crate) struct FileSource {
     path: PathBuf,
     origin: Origin,
     /// Whether there will be more than one pass.
@@ -26,7 +27,7 @@ pub(super) struct FileSource {
 }
 
 impl FileSource {
-    pub(super) fn new(path: PathBuf, origin: Origin, again: bool) -> Self {
+    pub(crate) fn new(path: PathBuf, origin: Origin, again: bool) -> Self {
         Self { path, origin, again, kept: None, passes: 0, points: 0, first: None }
     }
 
@@ -47,7 +48,6 @@ impl FileSource {
     fn read(&mut self, mut visit: impl FnMut([f32; 3])) -> Result<(), FormatError> {
         let reader = Reader::open(&self.path, self.origin)?;
         let announced = reader.points();
-        let mut kept = (self.again && announced <= KEPT).then(Vec::new);
         let bar = bar(announced, &format!("points, pass {}", self.passes));
         self.points = 0;
         for point in reader {
@@ -56,18 +56,23 @@ impl FileSource {
             if self.points.is_multiple_of(STEP) {
                 bar.set_position(self.points);
             }
-            let place = [point.x, point.y, point.z];
             if self.first.is_none() && point.is_finite() {
-                self.first = Some(place);
+                self.first = Some([point.x, point.y, point.z]);
             }
-            if let Some(kept) = &mut kept {
-                kept.push(place);
-            }
-            visit(place);
+            visit([point.x, point.y, point.z]);
         }
         bar.finish_and_clear();
-        self.kept = kept;
         Ok(())
+    }
+
+    /// Whether the points are in memory; reads them where they may be.
+    fn keep(&mut self) -> Result<bool, FormatError> {
+        if self.kept.is_none() && self.again && Reader::open(&self.path, self.origin)?.points() <= KEPT {
+            let mut points = Vec::new();
+            self.read(|point| points.push(point))?;
+            self.kept = Some(arranged(&points));
+        }
+        Ok(self.kept.is_some())
     }
 }
 
@@ -76,12 +81,10 @@ impl CloudSource for FileSource {
 
     fn each(&mut self, visit: impl FnMut([f32; 3])) -> Result<(), FormatError> {
         self.passes += 1;
-        match &self.kept {
-            Some(points) => {
-                points.iter().copied().for_each(visit);
-                Ok(())
-            }
-            None => self.read(visit),
+        if !self.keep()? {
+            return self.read(visit);
         }
+        self.kept.iter().flatten().copied().for_each(visit);
+        Ok(())
     }
 }

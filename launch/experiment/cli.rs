@@ -28,11 +28,42 @@ pub(crate) enum Experiment {
     /// Prints the ten figures of the height and the displacement of the end point for every method, and writes table1.md,
     /// table1.json, path.png (Figure 8: from above) and axes.png (Figure 9: x, y and z).
     Table1(Table1Args),
+    /// Repeat the paper's Table 2: a cloud of 990,768 points with its ground and without, at three resolutions
+    ///
+    /// Prints conversion time, points, voxels and file sizes of the six conditions, and writes table2.md, table2.json, maps.png
+    /// (the six maps from above) and every map as .bt, .ot and voxel centres.
+    Table2(Table2Args),
     /// An hour's walk through the real processes: is the time of a frame flat, is memory bounded?
     ///
     /// Simulator, deskewer and lio run as processes over shared memory, as fast as they go. Prints one line a simulated
     /// minute and writes soak.json, soak.png and pipeline.toml.
     Soak(SoakArgs),
+    /// Swap stage after stage in a walk: is a frame lost, does one come twice, does the pose jump?
+    ///
+    /// The whole pipeline runs as processes in real time; deskewer, odometry (lio and loam in turn), mapper, grid exporter and
+    /// map saver are swapped one after the other. Prints the figures and writes swaps.json beside the results of the walk.
+    Swaps(SwapsArgs),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SwapsArgs {
+    /// How many swaps
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(crate) swaps: u32,
+    /// Kill the instance that leads (SIGKILL) beside a standby instead
+    #[arg(long)]
+    pub(crate) kill: bool,
+    /// Seed of noise, biases and gait
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-swaps")]
+    pub(crate) output: PathBuf,
+    /// Space of shared-memory services [default: one of its own, so that several can run at once]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+    #[command(flatten)]
+    pub(crate) log: evac_stage::LogOptions,
 }
 
 const COLUMNS: &str = "Columns (metres, degrees, milliseconds):\n  \
@@ -116,6 +147,19 @@ pub(crate) struct Table1Args {
     /// End the walk after this many seconds
     #[arg(long, value_name = "SECONDS")]
     pub(crate) duration: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct Table2Args {
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-table2")]
+    pub(crate) output: PathBuf,
+    /// Cloud to convert (PCD, PLY, LAS/LAZ) [default: 990,768 points of a simulated walk through the station hall]
+    #[arg(long, value_name = "CLOUD")]
+    pub(crate) cloud: Option<PathBuf>,
+    /// Seed of the simulated walk
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
 }
 
 #[derive(Debug, Args)]

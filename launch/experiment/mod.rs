@@ -6,7 +6,11 @@ mod process;
 mod runs;
 mod soak;
 mod soak_report;
+mod swaps;
+mod swaps_monitor;
+mod swaps_report;
 mod table1;
+mod table2;
 
 use std::io::Write as _;
 use std::path::Path;
@@ -31,7 +35,9 @@ pub(crate) fn experiment(args: &ExperimentArgs) -> Result<(), LaunchError> {
         Experiment::Faults(args) => laid_over(args),
         Experiment::Honesty(args) => told(args),
         Experiment::Table1(args) => table1::table1(args),
+        Experiment::Table2(args) => table2::table2(args),
         Experiment::Soak(args) => soak::soak(args),
+        Experiment::Swaps(args) => swaps::swaps(args),
     }
 }
 

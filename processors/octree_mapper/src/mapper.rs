@@ -223,7 +223,7 @@ impl Stage for OctreeMapper {
         for voxel in routed.voxels {
             self.map.apply(voxel).map_err(|cause| {
                 StageError::Config(format!(
-                    "the routed mapper's map does not fit into this one: {cause:?}; raise max_bricks"
+                    "the routed mapper's map does not fit into this one: {cause:?}; raise max_map_mib"
                 ))
             })?;
         }

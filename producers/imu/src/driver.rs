@@ -7,12 +7,13 @@ use evac_frames::{FrameHeader, ImuSample, frame_flags};
 use evac_stage::{Device, ImuOutput, Reporter, Rig, StageConfig, StageError};
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::Config;
 use crate::link::{Heard, Link};
 use crate::note::{Facts, Note};
+use crate::poll::Poller;
 use crate::rest::Rest;
 use crate::sampler::Sampler;
 use crate::session::{Action, Loss, Phase, Session};
+use crate::{Config, Protocol};
 
 /// Between two attempts to open the port, nanoseconds.
 const REOPEN_NS: i64 = 200_000_000;
@@ -33,6 +34,8 @@ pub struct Imu {
     parser: Parser,
     session: Session,
     sampler: Sampler,
+    /// For a module on RS485.
+    poller: Option<Poller>,
     rest: Rest,
     last_phase: Phase,
     last_sample: Option<ImuSample>,
@@ -60,6 +63,7 @@ impl Device for Imu {
             parser: Parser::default(),
             session: Session::new(&config),
             sampler: Sampler::new(&config),
+            poller: (config.protocol == Protocol::Modbus).then(|| Poller::new(&config)),
             rest: Rest::new(&config, rig),
             last_phase: Phase::Searching,
             last_sample: None,
@@ -87,7 +91,10 @@ impl Device for Imu {
             std::thread::sleep(left.min(patience));
             return Ok(());
         };
-        let deadline = (self.session.deadline_ns() - now).clamp(0, patience.as_nanos() as i64);
+        let streaming = self.last_phase == Phase::Streaming;
+        let poll_ns = self.poller.as_ref().filter(|_| streaming).map_or(i64::MAX, Poller::due_ns);
+        let until_ns = self.session.deadline_ns().min(poll_ns);
+        let deadline = until_ns.saturating_sub(now).clamp(0, patience.as_nanos() as i64);
         let heard = link.read(self.buffer.as_mut_slice(), Duration::from_nanos(deadline.unsigned_abs()));
         let now = now_ns();
         let result = match heard {
@@ -101,6 +108,7 @@ impl Device for Imu {
         self.session.tick(now);
         self.act();
         self.follow(now);
+        self.poll(now);
         self.report(reporter, now);
         result
     }
@@ -150,12 +158,34 @@ impl Imu {
             let Some(link) = &mut self.link else { return };
             let done = match action {
                 Action::SetBaud(baud) => link.set_baud(baud),
-                Action::Write(command) => link.write(&command),
+                Action::Tell(command) => match &mut self.poller {
+                    Some(poller) => link.write(&poller.request(command)),
+                    None => link.write(&command.bytes()),
+                },
             };
             if !done {
                 self.close("the port cannot be written to");
             }
         }
+    }
+
+    /// Asks a module that does not stream for its next sample.
+    fn poll(&mut self, now: i64) {
+        let byte_ns = self.byte_ns();
+        let Some((poller, link)) = self.poller.as_mut().zip(self.link.as_mut()) else { return };
+        if self.last_phase != Phase::Streaming {
+            return;
+        }
+        if let Some(question) = poller.ask(now, byte_ns)
+            && !link.write(&question)
+        {
+            self.close("the port cannot be written to");
+        }
+    }
+
+    /// How long a byte takes on the line, nanoseconds.
+    fn byte_ns(&self) -> i64 {
+        10_000_000_000 / i64::from(self.session.baud().max(1))
     }
 
     /// Handles bytes that were read at `now`.
@@ -167,17 +197,16 @@ impl Imu {
         reporter: &mut Reporter,
     ) -> Result<(), StageError> {
         self.session.heard_bytes(count);
-        let byte_ns = 10_000_000_000 / i64::from(self.session.baud().max(1));
+        let byte_ns = self.byte_ns();
         for at in 0..count {
-            let Some(frame) = self.buffer.get(at).and_then(|byte| self.parser.push(*byte)) else { continue };
-            self.session.heard(&frame, now);
-            if self.session.phase() != Phase::Streaming {
-                continue;
-            }
-            self.follow(now);
+            let Some(byte) = self.buffer.get(at).copied() else { continue };
             // So many bytes came after it, each of which took its time.
-            let frame_ns = now - (count - 1 - at) as i64 * byte_ns;
-            let Some(sample) = self.sampler.push(&frame, frame_ns, now) else { continue };
+            let came_ns = now - (count - 1 - at) as i64 * byte_ns;
+            let sample = match self.poller {
+                Some(_) => self.hear_answer(byte, now),
+                None => self.hear_frame(byte, came_ns, now, output)?,
+            };
+            let Some(sample) = sample else { continue };
             reporter.begin();
             let sent = output.publish(&sample)?;
             let header = FrameHeader {
@@ -193,6 +222,39 @@ impl Imu {
             self.last_sample = Some(sent);
         }
         Ok(())
+    }
+
+    /// A byte of a module that streams.
+    fn hear_frame(
+        &mut self,
+        byte: u8,
+        came_ns: i64,
+        now: i64,
+        output: &mut ImuOutput,
+    ) -> Result<Option<ImuSample>, StageError> {
+        let Some(frame) = self.parser.push(byte) else { return Ok(None) };
+        self.session.heard(&frame, now);
+        if self.session.phase() != Phase::Streaming {
+            return Ok(None);
+        }
+        self.follow(now);
+        if let Some(attitude) = self.sampler.push_other(&frame) {
+            output.publish_attitude(&attitude)?;
+        }
+        Ok(self.sampler.push(&frame, came_ns, now))
+    }
+
+    /// A byte of a module that is asked.
+    fn hear_answer(&mut self, byte: u8, now: i64) -> Option<ImuSample> {
+        let poller = self.poller.as_mut()?;
+        if self.session.phase() == Phase::Streaming {
+            let sample = poller.hear_sample(byte, now)?;
+            self.session.heard_sample(now);
+            return Some(sample);
+        }
+        let value = poller.hear_answer(byte)?;
+        self.session.heard_answer(value, now);
+        None
     }
 
     /// Notices that the conversation has moved on.
@@ -215,10 +277,11 @@ impl Imu {
 
     fn report(&mut self, reporter: &mut Reporter, now: i64) {
         let counts = self.sampler.counts;
-        reporter.input.imu_lost = counts.lost;
-        reporter.counters.late = counts.untimed;
+        let polled = self.poller.as_ref().map_or((0, 0, 0), |p| (p.lost, p.repeated, p.skipped()));
+        reporter.input.imu_lost = counts.lost + polled.0;
+        reporter.counters.late = counts.untimed + polled.1;
         reporter.counters.degraded = self.losses + self.unplugged;
-        reporter.counters.rejected = self.parser.skipped();
+        reporter.counters.rejected = self.parser.skipped() + polled.2;
         if now < self.next_note_ns {
             return;
         }

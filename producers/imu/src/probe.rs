@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use evac_stage::StageError;
 
 use crate::link::{Heard, Link};
+use crate::poll::Poller;
 use crate::session::{Action, Phase, Session};
 use crate::{Config, Protocol};
 
@@ -25,9 +26,8 @@ pub struct Found {
 pub fn probe(config: Config) -> Result<Found, StageError> {
     let file = StageError::File;
     let mut link = Link::open(&config).map_err(file)?;
-    if config.protocol == Protocol::Modbus {
-        return Err(file("a module on RS485 is not asked here".to_owned()));
-    }
+    let modbus = config.protocol == Protocol::Modbus;
+    let mut poller = Poller::new(&config);
     let until = Instant::now() + PATIENCE;
     let mut session = Session::new(&Config { configure: false, ..config });
     let mut parser = evac_formats::wt901c::Parser::default();
@@ -37,7 +37,8 @@ pub fn probe(config: Config) -> Result<Found, StageError> {
         while let Some(action) = session.next_action() {
             let done = match action {
                 Action::SetBaud(baud) => link.set_baud(baud),
-                Action::Write(command) => link.write(&command),
+                Action::Tell(command) if modbus => link.write(&poller.request(command)),
+                Action::Tell(command) => link.write(&command.bytes()),
             };
             if !done {
                 return Err(file("the port cannot be written to".to_owned()));
@@ -47,7 +48,11 @@ pub fn probe(config: Config) -> Result<Found, StageError> {
             Heard::Bytes(count) => {
                 session.heard_bytes(count);
                 for byte in buffer.iter().take(count) {
-                    if let Some(frame) = parser.push(*byte) {
+                    if modbus {
+                        if let Some(value) = poller.hear_answer(*byte) {
+                            session.heard_answer(value, crate::driver::now_ns());
+                        }
+                    } else if let Some(frame) = parser.push(*byte) {
                         session.heard(&frame, crate::driver::now_ns());
                     }
                 }

@@ -1,8 +1,8 @@
 //! From frames to samples with times.
 
 use evac_clock::{ClockFit, Quality, Settings};
-use evac_formats::wt901c::{Assembler, FRAME_BYTES, Frame, RawSample, Scales, content};
-use evac_frames::ImuSample;
+use evac_formats::wt901c::{Assembler, FRAME_BYTES, Frame, RawSample, Reading, Scales, content};
+use evac_frames::{ImuAttitude, ImuSample, attitude_flags};
 
 use crate::Config;
 
@@ -17,6 +17,14 @@ const PAUSE_NS: i64 = 100_000_000;
 const PAUSE_PERIODS: f64 = 20.0;
 /// The module's clock and its samples may disagree by this much before it is called a step, nanoseconds.
 const CLOCK_STEP_NS: i64 = 100_000_000;
+
+/// What raw words stand for.
+pub(crate) fn scales(config: &Config) -> Scales {
+    Scales {
+        accel: config.accel_range_g * config.one_g_m_s2 / 32768.0,
+        gyro: config.gyro_range_dps.to_radians() / 32768.0,
+    }
+}
 
 /// What a sampler has counted.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -52,6 +60,9 @@ pub(crate) struct Sampler {
     last_stamp_ns: i64,
     index: u64,
     last: Option<(RawSample, i64)>,
+    /// What has come of the newest published sample's other frames, and what makes it complete.
+    attitude: ImuAttitude,
+    attitude_complete: u32,
     pub(crate) counts: SamplerCounts,
 }
 
@@ -66,13 +77,9 @@ impl Sampler {
     pub(crate) fn new(config: &Config) -> Self {
         let frames = config.content();
         let before = 2 + u64::from(frames & content::TIME != 0);
-        let scales = Scales {
-            accel: config.accel_range_g * config.one_g_m_s2 / 32768.0,
-            gyro: config.gyro_range_dps.to_radians() / 32768.0,
-        };
         Self {
             assembler: Assembler::default(),
-            scales,
+            scales: scales(config),
             nominal_ns: 1e9 / config.rate_hz,
             group_bytes: u64::from(frames.count_ones()) * FRAME_BYTES as u64,
             lead_bytes: (before * FRAME_BYTES as u64) as f64,
@@ -83,6 +90,8 @@ impl Sampler {
             last_stamp_ns: i64::MIN,
             index: 0,
             last: None,
+            attitude: ImuAttitude::default(),
+            attitude_complete: attitude_of(frames),
             counts: SamplerCounts::default(),
         }
     }
@@ -126,14 +135,46 @@ impl Sampler {
             return None;
         };
         self.last_stamp_ns = stamp_ns;
+        // When the module began to send it.
+        let stamp_ns = stamp_ns - (self.lead_bytes * self.byte_ns) as i64;
+        self.attitude = ImuAttitude { stamp_ns, arrival_ns, ..ImuAttitude::default() };
         Some(ImuSample {
-            // When the module began to send it.
-            stamp_ns: stamp_ns - (self.lead_bytes * self.byte_ns) as i64,
+            stamp_ns,
             arrival_ns,
             gyro: self.scales.gyro(raw.gyro),
             accel: self.scales.accel(raw.accel),
             ..ImuSample::default()
         })
+    }
+
+    /// Takes in a frame that is no part of a sample: angles, magnetic field or quaternion, which follow it; all of them together
+    /// once the last has come. Where one is lost the others are too.
+    pub(crate) fn push_other(&mut self, frame: &Frame) -> Option<ImuAttitude> {
+        let belongs = self.last.is_some_and(|(raw, _)| {
+            frame.offset.wrapping_sub(raw.offset) < self.group_bytes + FRAME_BYTES as u64
+        });
+        if !belongs {
+            return None;
+        }
+        let bit = match frame.reading(&self.scales)? {
+            Reading::Angles { roll_pitch_yaw, .. } => {
+                self.attitude.roll_pitch_yaw = roll_pitch_yaw;
+                attitude_flags::ANGLES
+            }
+            Reading::Magnetometer(field) => {
+                self.attitude.magnetic_field = field.map(f64::from);
+                attitude_flags::MAGNETIC_FIELD
+            }
+            // The vendor's q0 is the scalar.
+            Reading::Quaternion([w, x, y, z]) => {
+                self.attitude.orientation = [x, y, z, w];
+                attitude_flags::ORIENTATION
+            }
+            _ => return None,
+        };
+        self.attitude.contains |= bit;
+        let complete = self.attitude.contains == self.attitude_complete && self.attitude.stamp_ns != 0;
+        complete.then(|| std::mem::take(&mut self.attitude))
     }
 
     fn measure(&mut self, raw: RawSample, byte_ns: i64) {
@@ -181,4 +222,14 @@ impl Sampler {
         self.index += steps as u64;
         self.counts.lost += steps as u64 - 1;
     }
+}
+
+/// The flags that all frames of a content together set.
+fn attitude_of(frames: u16) -> u32 {
+    let parts = [
+        (content::ANGLE, attitude_flags::ANGLES),
+        (content::MAGNETOMETER, attitude_flags::MAGNETIC_FIELD),
+        (content::QUATERNION, attitude_flags::ORIENTATION),
+    ];
+    parts.iter().filter(|(frame, _)| frames & frame != 0).fold(0, |all, (_, flag)| all | flag)
 }

@@ -3,11 +3,9 @@
 
 use std::collections::VecDeque;
 
-use evac_formats::wt901c::{
-    COMMAND_BYTES, Command, FRAME_BYTES, Frame, bandwidth_code, baud_code, id, rate_code, register,
-};
+use evac_formats::wt901c::{Command, FRAME_BYTES, Frame, bandwidth_code, baud_code, id, rate_code, register};
 
-use crate::Config;
+use crate::{Config, Protocol};
 
 /// How long to listen at one speed, nanoseconds.
 const LISTEN_NS: i64 = 500_000_000;
@@ -35,7 +33,7 @@ const BAUDS: [u32; 9] = [9600, 115_200, 230_400, 57_600, 38_400, 19_200, 460_800
 pub(crate) enum Action {
     /// Set the line's speed and forget what has come in.
     SetBaud(u32),
-    Write([u8; COMMAND_BYTES]),
+    Tell(Command),
 }
 
 /// Where the conversation is.
@@ -89,7 +87,7 @@ struct Setting {
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct Session {
-    settings: [Setting; 5],
+    settings: Vec<Setting>,
     configure: bool,
     save: bool,
     wanted_baud: u32,
@@ -114,15 +112,20 @@ pub(crate) struct Session {
 
 impl Session {
     pub(crate) fn new(config: &Config) -> Self {
-        let setting = |register, value| Setting { register, value, refused: false };
+        let wanted = [
+            (register::BAUD, baud_code(config.baud).unwrap_or(6)),
+            (register::CONTENT, config.content()),
+            (register::RATE, rate_code(config.rate_hz).unwrap_or(11)),
+            (register::BANDWIDTH, bandwidth_code(config.bandwidth_hz).unwrap_or(1)),
+            (register::ALGORITHM, u16::from(config.six_axes)),
+        ];
+        // A module that is asked for registers has no frames.
+        let has = |register| config.protocol == Protocol::Serial || register != register::CONTENT;
+        let settings = wanted.iter().filter(|(register, _)| has(*register));
         Self {
-            settings: [
-                setting(register::BAUD, baud_code(config.baud).unwrap_or(6)),
-                setting(register::CONTENT, config.content()),
-                setting(register::RATE, rate_code(config.rate_hz).unwrap_or(11)),
-                setting(register::BANDWIDTH, bandwidth_code(config.bandwidth_hz).unwrap_or(1)),
-                setting(register::ALGORITHM, u16::from(config.six_axes)),
-            ],
+            settings: settings
+                .map(|(register, value)| Setting { register: *register, value: *value, refused: false })
+                .collect(),
             configure: config.configure,
             save: config.save,
             wanted_baud: config.baud,
@@ -202,6 +205,22 @@ impl Session {
             Step::Stream => self.bytes_since_frame = 0,
             _ => {}
         }
+    }
+
+    /// A module that does not stream has answered a question.
+    pub(crate) fn heard_answer(&mut self, value: u16, now_ns: i64) {
+        self.last_frame_ns = now_ns;
+        match self.step {
+            // Its sum has 16 bits: no rubbish passes.
+            Step::Listen { .. } => self.found(now_ns),
+            Step::Ask => self.answered(value, now_ns),
+            _ => {}
+        }
+    }
+
+    /// A module that does not stream has given a sample.
+    pub(crate) fn heard_sample(&mut self, now_ns: i64) {
+        (self.last_frame_ns, self.bytes_since_frame) = (now_ns, 0);
     }
 
     /// Time has passed.
@@ -331,7 +350,7 @@ impl Session {
     }
 
     fn write(&mut self, command: Command, until_ns: i64) {
-        self.actions.push_back(Action::Write(command.bytes()));
+        self.actions.push_back(Action::Tell(command));
         self.until_ns = until_ns;
     }
 }

@@ -6,7 +6,7 @@ mod common;
 
 use common::{Driver, ONE_G, at_rest, config, factory, link, periods_ms};
 use evac_formats::wt901c::{baud_code, content, rate_code, register};
-use evac_imu::Config;
+use evac_imu::{Config, Protocol};
 use evac_simulator::devices::wt901c::{Bench, Faults, Line, Module};
 
 #[test]
@@ -190,4 +190,43 @@ fn auto_zero_at_rest_and_another_range_are_said() {
     drop(driver);
     right.run_until_noted("gyro auto-zero at rest");
     assert!((right.output.memory[0].accel[2] - 9.80665).abs() < 0.05);
+}
+
+#[test]
+fn a_module_on_rs485_is_found_set_and_asked_200_times_a_second() {
+    let (_folder, path) = link();
+    let bench = Bench::start(&path, Module::new(Line::Modbus(0x51)), at_rest).unwrap();
+    let modbus = Config { protocol: Protocol::Modbus, address: 0x51, ..config(&path) };
+    let mut driver = Driver::new(modbus);
+    let samples = driver.take(200);
+    assert_eq!(bench.port().module.baud(), 115_200);
+    assert_eq!(bench.port().module.register(register::RATE), rate_code(200.0).unwrap());
+    assert!(
+        samples.iter().all(|sample| (sample.accel[2] - 9.80665).abs() < 0.05 && sample.gyro[2].abs() < 0.01)
+    );
+    assert!(samples.windows(2).all(|pair| pair[0].stamp_ns < pair[1].stamp_ns));
+    bench.port().unplug();
+    driver.run_until_noted("is it plugged in?");
+    bench.port().plug_in().unwrap();
+    driver.take(100);
+    driver.run_until_noted("unplugged 1x");
+}
+
+#[test]
+fn attitude_and_magnetic_field_are_passed_on_with_their_sample_s_stamp() {
+    let (_folder, path) = link();
+    // Rolled by 30 degrees.
+    let words = |_| ([0, 1024, 1774], [0; 3]);
+    let _bench = Bench::start(&path, Module::new(Line::Serial), words).unwrap();
+    let all = Config { angles: true, magnetometer: true, quaternion: true, baud: 230_400, ..config(&path) };
+    let mut driver = Driver::new(all);
+    driver.take(100);
+    let attitude = *driver.output.attitudes.last().unwrap();
+    assert!((attitude.roll_pitch_yaw[0].to_degrees() - 30.0).abs() < 0.1, "{attitude:?}");
+    assert_eq!(attitude.magnetic_field, [120.0, -340.0, 560.0]);
+    let [x, _, _, w] = attitude.orientation;
+    assert!(((2.0 * x.atan2(w)).to_degrees() - 30.0).abs() < 0.1, "{attitude:?}");
+    let sample = driver.output.memory.iter().find(|sample| sample.seq == attitude.seq).unwrap();
+    assert_eq!(sample.stamp_ns, attitude.stamp_ns);
+    assert!(driver.output.attitudes.len() + 2 >= driver.output.memory.len());
 }

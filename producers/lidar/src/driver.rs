@@ -20,7 +20,7 @@ use crate::store::{SLOTS, Store};
 use crate::timeline::{Timeline, Verdict};
 
 /// A scan whose packets stay away for so long after its end is passed on as it is.
-const GRACE_NS: i64 = 30_000_000;
+const GRACE_NS: i64 = 100_000_000;
 /// Until so shortly before a scan is complete, packets are left to pile up: one wake-up for each would cost more than they.
 const PILE_NS: i64 = 4_000_000;
 /// Year 2116: later stamps are damaged, and sums of earlier ones stay far from the limits of `i64`.
@@ -43,7 +43,8 @@ pub struct PacketCounts {
     pub strangers: u64,
     /// Packets of the device that are none, or whose checksum is wrong, and control datagrams likewise.
     pub damaged: u64,
-    /// Packets whose time was not known: while the clock is being fitted, or with a damaged stamp.
+    /// Packets left out because their time was not known (while the clock is being fitted, or with a damaged stamp), or because
+    /// they came before the first whole scan.
     pub unsure: u64,
     /// Times that the device's clock was set or has changed its source.
     pub segments: u64,
@@ -320,6 +321,10 @@ impl Lidar {
         };
         let arrived =
             Arrived { slot: received.slot, place_ns, length_ns, points, arrival_ns: received.arrival_ns };
+        if self.assembly.is_too_early(&arrived) {
+            self.counts.unsure += 1;
+            return false;
+        }
         if self.assembly.is_complete_before(&arrived) {
             self.complete(output, reporter, result);
         }

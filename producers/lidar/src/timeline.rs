@@ -174,6 +174,6 @@ mod tests {
         assert_eq!(timeline.segments, 0);
         // A silence of three pulses.
         let verdicts = run(&mut timeline, TimeSource::Pulse, 7400..7500, 0);
-        assert_eq!(verdicts[0], Verdict::Accept(7400 * MS - 0));
+        assert_eq!(verdicts[0], Verdict::Accept(7400 * MS));
     }
 }

@@ -15,12 +15,13 @@ const BOTH: [Protocol; 2] = [Protocol::Sdk1, Protocol::Sdk2];
 
 #[test]
 fn scans_hold_every_shot_once_at_its_time_on_the_host_s_clock() {
-    for (protocol, points) in [(Protocol::Sdk1, 10_000), (Protocol::Sdk2, 9984)] {
+    // 104 or 105 packets of 96 shots come nearest to a tenth of a second.
+    for (protocol, allowed) in [(Protocol::Sdk1, [10_000; 2]), (Protocol::Sdk2, [9984, 10_080])] {
         let (device, mut host) = pair(protocol);
         let scans = host.scans(12);
         assert_gap_free(&scans[1..]);
         for (n, (header, _)) in scans.iter().enumerate() {
-            assert_eq!((header.frame.seq, header.points), (n as u64, points));
+            assert!(header.frame.seq == n as u64 && allowed.contains(&header.points), "{header:?}");
         }
         // Shot 0 was measured when measuring began; the fit is good to the little that the way over the loopback takes.
         let began = device.began_ns().unwrap();

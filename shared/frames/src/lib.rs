@@ -8,6 +8,7 @@
 //! quaternions in the order x, y, z, w (as in ROS), transforms named `pose_map_from_lidar` (maps LiDAR
 //! coordinates to map coordinates).
 
+mod attitude;
 mod health;
 mod layout;
 mod map;
@@ -15,6 +16,7 @@ mod pose;
 mod route;
 mod scan;
 
+pub use attitude::{ImuAttitude, attitude_flags};
 pub use health::{Ack, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 pub use layout::{Field, Layout, layout_hash};
 pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};

@@ -61,6 +61,8 @@ impl Ray<'_> {
         let safe = self.max_range.map_or(f64::INFINITY, |range| range - 2.0 * self.map.space().resolution());
         let mut near = Near::default();
         let (mut brick, mut here) = (u64::MAX, Here::Unknown(Extent::Brick));
+        // An origin on borders, as that of a map often is, meets several at once: the first steps are single ones.
+        let mut single = 3;
         loop {
             // The voxel where the walk is does not stop the ray; does its brick?
             let now = morton::encode(walk.key.map(|axis| axis >> 3));
@@ -68,6 +70,10 @@ impl Ray<'_> {
                 (brick, here) = (now, self.here(now, &mut near));
             }
             let passed = match here {
+                _ if single > 0 => {
+                    single -= 1;
+                    false
+                }
                 Here::Unknown(extent) if self.through_unknown => {
                     walk.leave(extent, safe) || walk.leave(Extent::Brick, safe)
                 }

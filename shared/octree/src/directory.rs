@@ -157,9 +157,11 @@ impl Directory {
         };
         let places = &self.tiles[number as usize];
         for z in span(2) {
+            let z = morton::within([0, 0, z]);
             for y in span(1) {
+                let yz = morton::within([0, y, 0]) | z;
                 for x in span(0) {
-                    let brick = morton::within([x, y, z]);
+                    let brick = morton::within([x, 0, 0]) | yz;
                     let place = places[brick];
                     if place != NOWHERE {
                         visit(tile << 9 | brick as u64, place);

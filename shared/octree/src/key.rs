@@ -58,9 +58,15 @@ impl KeySpace {
 
     #[inline]
     fn axis_key(&self, coordinate: f32) -> Option<u16> {
-        let key = (self.voxels_per_metre * f64::from(coordinate)).floor() + OFFSET;
+        let voxels = self.voxels_per_metre * f64::from(coordinate);
         // NaN is in no range.
-        (0.0..2.0 * OFFSET).contains(&key).then_some(key as u16)
+        if !(-2.0 * OFFSET..2.0 * OFFSET).contains(&voxels) {
+            return None;
+        }
+        // The floor without a call.
+        let towards_zero = voxels as i32;
+        let floor = towards_zero - i32::from(f64::from(towards_zero) > voxels);
+        u16::try_from(floor + OFFSET as i32).ok()
     }
 }
 

@@ -81,6 +81,10 @@ impl OctreeMap {
         self.bricks.for_each_in(min, max, |code, place| {
             let corner = morton::decode(code << BRICK_BITS);
             let (store, index) = self.bricks.at(place);
+            if let Some(log_odds) = store.uniform(index, self.bricks.palette()) {
+                visit(Leaf { key: corner, depth: BRICK as u8, log_odds });
+                return;
+            }
             let inside = crate::mask::inside(corner, min, max);
             store.for_each_leaf_within(index, self.bricks.palette(), &inside, |voxel, depth, log_odds| {
                 let [x, y, z] = WITHIN[voxel];

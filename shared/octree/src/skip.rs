@@ -37,6 +37,7 @@ pub(crate) struct Skipper {
     pub(crate) passed: f64,
     /// Whether OctoMap's walk has certainly come here, too.
     pub(crate) certain: bool,
+    leapt: bool,
     /// By axis: path length to the next border.
     crossing: [f64; 3],
     /// By axis: path length between two borders, and its reciprocal.
@@ -54,6 +55,7 @@ impl Skipper {
             key,
             passed: 0.0,
             certain: true,
+            leapt: false,
             crossing,
             spacing,
             per_spacing: spacing.map(f64::recip),
@@ -65,11 +67,17 @@ impl Skipper {
     #[inline]
     pub(crate) fn advance(&mut self) {
         let [x, y, z] = self.crossing;
+        let axis = if x < y {
+            if x < z { 0 } else { 2 }
+        } else if y < z {
+            1
+        } else {
+            2
+        };
         let (low, high) = (x.min(y), x.max(y));
-        let first = low.min(z);
-        let second = low.max(high.min(z));
-        self.certain &= second - first > second.min(f64::from(u32::MAX)) * TOLERANCE;
-        let axis = if x == first { 0 } else { usize::from(y != first) + 1 };
+        let (first, second) = (low.min(z), low.max(high.min(z)));
+        // Up to the first leap the sums are OctoMap's to the last bit.
+        self.certain &= !self.leapt || second - first > first * TOLERANCE;
         self.step(axis);
         self.crossing[axis] += self.spacing[axis];
         self.note();
@@ -92,6 +100,7 @@ impl Skipper {
         if first >= safe {
             return false;
         }
+        self.leapt = true;
         let tolerance = first * TOLERANCE;
         self.certain &= low.max(high.min(z)) - first > tolerance;
         let out = if x == first { 0 } else { usize::from(y != first) + 1 };
@@ -107,7 +116,7 @@ impl Skipper {
                 continue;
             }
             // Borders of this axis that are crossed before.
-            let steps = (ahead * self.per_spacing[axis]).floor() + 1.0;
+            let steps = f64::from((ahead * self.per_spacing[axis]) as u32) + 1.0;
             let next = self.crossing[axis] + steps * self.spacing[axis];
             self.certain &= ahead > tolerance
                 && next - first > tolerance

@@ -76,7 +76,7 @@ impl Units {
     pub(crate) fn excess(&self) -> Option<u32> {
         let needed = self.used + self.used / 16;
         let held = self.pages.len() * PAGE;
-        (held > needed + self.used / 16 + 2 * PAGE).then(|| ((needed.div_ceil(PAGE) + 1) * PAGE) as u32)
+        (held > needed + self.used / 16 + 3 * PAGE).then(|| ((needed.div_ceil(PAGE) + 2) * PAGE) as u32)
     }
 
     /// Moves a run to a place before `end`, if there is one.

@@ -4,7 +4,8 @@
 //! on everywhere: a stopped or dead subscriber never stalls a publisher; what it misses shows as a gap in `seq`.
 
 use evac_frames::{
-    Ack, GridHeader, Health, ImuSample, Layout, MapHeader, Point, PoseFrame, Route, ScanHeader, Voxel,
+    Ack, GridHeader, Health, ImuAttitude, ImuSample, Layout, MapHeader, Point, PoseFrame, Route, ScanHeader,
+    Voxel,
 };
 
 /// Quality of service of one service.
@@ -139,9 +140,19 @@ pub struct Imu;
 impl RecordService for Imu {
     const NAME: &'static str = "imu/sample";
     // 4096 samples are 20 s at 200 Hz: a lossless replay paces itself on scans, so that all samples of a pause between two
-    // scans come at once. History covers the start of a stage that joins between two scans.
-    const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 64, ..FRAMES };
+    // scans come at once. History covers the 16 scans of a scan service's at 200 Hz, so that a stage that is started again has
+    // both.
+    const QOS: Qos = Qos { buffer: 4096, borrowed: 2, history: 512, ..FRAMES };
     type Record = ImuSample;
+}
+
+/// An IMU's own attitude and magnetometer.
+#[derive(Debug, Clone, Copy)]
+pub struct Attitude;
+impl RecordService for Attitude {
+    const NAME: &'static str = "imu/attitude";
+    const QOS: Qos = Qos { buffer: 256, borrowed: 2, history: 0, ..FRAMES };
+    type Record = ImuAttitude;
 }
 
 /// Poses of the routed odometry.

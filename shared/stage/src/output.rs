@@ -1,11 +1,12 @@
 //! What stages write to: shared memory in a pipeline, plain vectors in tests and benches (`default()`).
 
 use evac_frames::{
-    FrameHeader, GridHeader, ImuSample, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader, Voxel,
+    FrameHeader, GridHeader, ImuAttitude, ImuSample, MapHeader, OdometryHealth, Point, PoseFrame, ScanHeader,
+    Voxel,
 };
 use evac_ports::services::{
-    Cell, GridPlan, Imu, LidarScan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST, ScanDeskewed,
-    TruthPose,
+    Attitude, Cell, GridPlan, Imu, LidarScan, MapSnapshot, MapUpdate, OdometryPose, SNAPSHOT_REQUEST,
+    ScanDeskewed, TruthPose,
 };
 use evac_ports::services::{FrameService, SliceLen};
 use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
@@ -225,15 +226,25 @@ impl StageOutput for TruthOutput {
 pub struct ImuOutput {
     /// What was published, newest last, where no shared memory is connected.
     pub memory: Vec<ImuSample>,
+    /// Attitudes published, where no shared memory is connected.
+    pub attitudes: Vec<ImuAttitude>,
     newest_only: bool,
     next_seq: u64,
-    port: Option<(RecordPublisher<Imu>, u32)>,
+    port: Option<ImuPort>,
+}
+
+#[derive(Debug)]
+struct ImuPort {
+    samples: RecordPublisher<Imu>,
+    attitudes: RecordPublisher<Attitude>,
+    epoch: u32,
 }
 
 impl ImuOutput {
-    /// Keeps only the newest sample in memory, so that publishing does not allocate.
+    /// Keeps only the newest sample and attitude in memory, so that publishing does not allocate.
     pub fn newest_only() -> Self {
-        Self { newest_only: true, memory: Vec::with_capacity(1), ..Self::default() }
+        let (memory, attitudes) = (Vec::with_capacity(1), Vec::with_capacity(1));
+        Self { newest_only: true, memory, attitudes, ..Self::default() }
     }
 
     /// Publishes a sample; gives it with its number and the moment of its hand-over.
@@ -244,9 +255,9 @@ impl ImuOutput {
         let mut sample = ImuSample { seq: self.next_seq, sent_ns: now_ns(), ..*sample };
         self.next_seq += 1;
         match &self.port {
-            Some((port, epoch)) => {
-                sample.epoch = *epoch;
-                port.publish(&sample).map_err(failed)?;
+            Some(port) => {
+                sample.epoch = port.epoch;
+                port.samples.publish(&sample).map_err(failed)?;
             }
             None => {
                 if self.newest_only {
@@ -257,14 +268,33 @@ impl ImuOutput {
         }
         Ok(sample)
     }
+
+    /// Publishes what the IMU itself makes of the newest sample.
+    ///
+    /// # Errors
+    /// As [`Self::publish`].
+    pub fn publish_attitude(&mut self, attitude: &ImuAttitude) -> Result<(), StageError> {
+        let seq = self.next_seq.saturating_sub(1);
+        let attitude = ImuAttitude { seq, sent_ns: now_ns(), ..*attitude };
+        let Some(port) = &self.port else {
+            if self.newest_only {
+                self.attitudes.clear();
+            }
+            self.attitudes.push(attitude);
+            return Ok(());
+        };
+        port.attitudes.publish(&ImuAttitude { epoch: port.epoch, ..attitude }).map_err(failed)
+    }
 }
 
 impl StageOutput for ImuOutput {
-    const SERVICES: &'static [&'static str] = &["imu/sample"];
+    const SERVICES: &'static [&'static str] = &["imu/sample", "imu/attitude"];
     const IS_SINK: bool = false;
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
-        Ok(Self { port: Some((RecordPublisher::open(bus)?, epoch)), ..Self::default() })
+        let port =
+            ImuPort { samples: RecordPublisher::open(bus)?, attitudes: RecordPublisher::open(bus)?, epoch };
+        Ok(Self { port: Some(port), ..Self::default() })
     }
 }
 

@@ -3,7 +3,7 @@
 use rustc_hash::FxHashMap;
 
 /// Cubes along a block's edge.
-const SIDE: i32 = 4;
+pub(super) const SIDE: i32 = 4;
 /// Cubes that a search sphere reaches beyond its own, along an axis: the edge is the radius over the root of 3.
 pub(super) const REACH: i32 = 2;
 
@@ -136,7 +136,7 @@ impl Counts {
 }
 
 /// The 27 blocks around and including one.
-pub(super) fn neighbourhood() -> impl Iterator<Item = [i32; 3]> {
+fn neighbourhood() -> impl Iterator<Item = [i32; 3]> {
     (-1..=1).flat_map(|z| (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [x, y, z])))
 }
 

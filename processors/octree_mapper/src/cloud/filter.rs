@@ -9,7 +9,7 @@ use crate::check::positive;
 use crate::ground::{CloudGround, GroundColumns};
 use crate::{BoundsConfig, GroundConfig};
 
-/// Undecided points that wait at the same time (16 bytes each, and their search tree).
+/// Undecided points that wait at the same time (28 bytes each, and an index of their places).
 const BATCH: usize = 4_000_000;
 /// Most blocks of counts: 0.1 kB each.
 const MOST_BLOCKS: usize = 12_000_000;
@@ -184,7 +184,7 @@ impl CloudFilter {
                     match counts.class(point) {
                         Class::Inlier => judge(point, &mut removed),
                         Class::Outlier => removed.outliers += 1,
-                        Class::Undecided => next.push(point),
+                        Class::Undecided => next.push(&counts, point),
                     }
                 })
                 .map_err(CloudFilterError::Source)?;
@@ -196,7 +196,7 @@ impl CloudFilter {
             if next.len() == 0 {
                 return Ok(removed);
             }
-            next.arrange(&counts);
+            next.arrange();
             waiting = next;
         }
     }

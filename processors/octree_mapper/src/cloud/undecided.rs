@@ -2,11 +2,12 @@
 
 use rustc_hash::FxHashMap;
 
-use super::counts::{Counts, neighbourhood, split};
+use super::counts::{Counts, REACH, SIDE, split};
 
-/// A point and the others found within its radius so far; itself is among them, as the cloud is read whole.
+/// A point and how many within its radius were found so far; itself is among them, as the cloud is read whole.
 #[derive(Debug, Clone, Copy)]
 struct Waiting {
+    block: [i32; 3],
     point: [f32; 3],
     found: u8,
 }
@@ -18,16 +19,8 @@ pub(super) struct Undecided {
     /// Others that suffice.
     enough: u8,
     points: Vec<Waiting>,
-    /// Where the points of a block begin and end, after [`Self::arrange`]; also of blocks without points beside one
-    /// with some.
-    blocks: FxHashMap<[i32; 3], Near>,
-}
-
-/// The ranges of points in the blocks around one.
-#[derive(Debug, Clone, Default)]
-struct Near {
-    own: [u32; 2],
-    around: Vec<[u32; 2]>,
+    /// Where the points of a block begin and end, after [`Self::arrange`].
+    blocks: FxHashMap<[i32; 3], [u32; 2]>,
 }
 
 impl Undecided {
@@ -40,8 +33,9 @@ impl Undecided {
         }
     }
 
-    pub(super) fn push(&mut self, point: [f32; 3]) {
-        self.points.push(Waiting { point, found: 0 });
+    pub(super) fn push(&mut self, counts: &Counts, point: [f32; 3]) {
+        let (block, _) = split(counts.cube(point));
+        self.points.push(Waiting { block, point, found: 0 });
     }
 
     pub(super) fn len(&self) -> usize {
@@ -49,39 +43,31 @@ impl Undecided {
     }
 
     /// Sorts the batch by blocks, to be searched.
-    pub(super) fn arrange(&mut self, counts: &Counts) {
-        self.points.sort_unstable_by_key(|waiting| split(counts.cube(waiting.point)).0);
-        self.blocks.clear();
+    pub(super) fn arrange(&mut self) {
+        self.points.sort_unstable_by_key(|waiting| waiting.block);
         let mut begin = 0;
-        let mut own = Vec::new();
-        for run in self.points.chunk_by(|a, b| split(counts.cube(a.point)).0 == split(counts.cube(b.point)).0)
-        {
-            let block = run.first().map_or([0; 3], |first| split(counts.cube(first.point)).0);
+        for run in self.points.chunk_by(|a, b| a.block == b.block) {
             let end = begin + run.len() as u32;
-            own.push((block, [begin, end]));
+            self.blocks.extend(run.first().map(|first| (first.block, [begin, end])));
             begin = end;
-        }
-        for (block, range) in own {
-            for near in neighbourhood() {
-                let at = std::array::from_fn(|axis| block[axis] + near[axis]);
-                let entry = self.blocks.entry(at).or_default();
-                if near == [0; 3] {
-                    entry.own = range;
-                } else {
-                    entry.around.push(range);
-                }
-            }
         }
     }
 
     /// Counts a point of the cloud for all that wait within the radius.
     pub(super) fn see(&mut self, counts: &Counts, point: [f32; 3]) {
-        let (block, _) = split(counts.cube(point));
-        let Some(near) = self.blocks.get(&block) else { return };
-        for [from, to] in near.around.iter().chain([&near.own]) {
-            for waiting in &mut self.points[*from as usize..*to as usize] {
-                let apart: f32 = waiting.point.iter().zip(point).map(|(a, b)| (a - b) * (a - b)).sum();
-                waiting.found = waiting.found.saturating_add(u8::from(apart <= self.radius_squared));
+        let cube = counts.cube(point);
+        let low = cube.map(|axis| axis.saturating_sub(REACH).div_euclid(SIDE));
+        let high = cube.map(|axis| axis.saturating_add(REACH).div_euclid(SIDE));
+        for z in low[2]..=high[2] {
+            for y in low[1]..=high[1] {
+                for x in low[0]..=high[0] {
+                    let Some([from, to]) = self.blocks.get(&[x, y, z]) else { continue };
+                    for waiting in &mut self.points[*from as usize..*to as usize] {
+                        let [dx, dy, dz] = std::array::from_fn(|axis| waiting.point[axis] - point[axis]);
+                        let near = dx * dx + dy * dy + dz * dz <= self.radius_squared;
+                        waiting.found = waiting.found.saturating_add(u8::from(near));
+                    }
+                }
             }
         }
     }

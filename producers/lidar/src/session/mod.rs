@@ -141,3 +141,78 @@ impl Session {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use evac_formats::{livox_sdk1, livox_sdk2};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const DEVICE: SocketAddrV4 = SocketAddrV4::new(Ipv4Addr::new(127, 0, 0, 2), 65000);
+
+    fn session(protocol: Protocol) -> Session {
+        let config = Config { protocol, device: Some(*DEVICE.ip()), ..Config::default() };
+        Session::new(&config, Host { address: Ipv4Addr::LOCALHOST, command_port: 1, data_port: 2 })
+    }
+
+    /// Frames with right checksums around any payload: what gets past them must not harm.
+    fn framed(protocol: Protocol, set: u8, id: u8, answer: bool, payload: &[u8]) -> Vec<u8> {
+        let mut out = Vec::new();
+        match protocol {
+            Protocol::Sdk1 => {
+                let kind = if answer { livox_sdk1::FrameKind::Ack } else { livox_sdk1::FrameKind::Message };
+                livox_sdk1::Frame { kind, sequence: 1, set: set % 2, id: id % 13, payload }.encode(&mut out);
+            }
+            Protocol::Sdk2 => {
+                let kind = if answer { livox_sdk2::FrameKind::Ack } else { livox_sdk2::FrameKind::Request };
+                let command = u16::from(set % 2) << 8 | u16::from(id % 3);
+                livox_sdk2::Frame {
+                    sequence: 1,
+                    command,
+                    kind,
+                    sender: livox_sdk2::Sender::Lidar,
+                    data: payload,
+                }
+                .encode(&mut out);
+            }
+        }
+        out
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn no_datagrams_in_any_order_harm_a_session(
+            second in any::<bool>(),
+            said in proptest::collection::vec((any::<u8>(), any::<u8>(), any::<bool>(), proptest::collection::vec(any::<u8>(), 0..40), 0..2 * SECOND), 0..60),
+        ) {
+            let protocol = if second { Protocol::Sdk2 } else { Protocol::Sdk1 };
+            let (mut session, mut out, mut now, mut sent) = (session(protocol), Outbox::default(), 0, 0);
+            for (set, id, answer, payload, later) in said {
+                now += later;
+                session.receive(now, DEVICE, &framed(protocol, set, id, answer, &payload), &mut out);
+                session.receive(now, DEVICE, &payload, &mut out);
+                prop_assert!(session.tick(now, 0, &mut out) >= now.min(0));
+                // A device cannot make a host flood it.
+                let before = sent;
+                out.drain(|_, _, _| sent += 1);
+                prop_assert!(sent - before <= 6);
+            }
+            session.end(&mut out);
+        }
+    }
+
+    #[test]
+    fn an_address_that_is_not_the_device_s_is_not_listened_to() {
+        for protocol in [Protocol::Sdk1, Protocol::Sdk2] {
+            let (mut session, mut out) = (session(protocol), Outbox::default());
+            let other = SocketAddrV4::new(Ipv4Addr::new(127, 0, 0, 3), 65000);
+            let before = session.view();
+            let reply = framed(protocol, 0, 0, true, &[0; 24]);
+            assert!(!session.receive(0, other, &reply, &mut out));
+            assert_eq!(session.view(), before);
+        }
+    }
+}

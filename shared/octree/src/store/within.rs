@@ -4,14 +4,15 @@ use super::{Form, Store};
 use crate::decoded::{Decoded, LOWEST, any_bit};
 use crate::mask::{self, Bits, Mask, WORDS};
 use crate::numbers::state_of;
-use crate::palette::{Palette, UNKNOWN};
+use crate::palette::Palette;
 use crate::planes;
 
-/// Depths of a brick's leaves: of a voxel, of eight, of a word, of all.
-const DEPTHS: [u8; 4] = [16, 15, 14, 13];
+/// Depths of a brick's leaves: of a voxel, of eight, of a word.
+const DEPTHS: [u8; 3] = [16, 15, 14];
 
 impl Store {
-    /// Calls `visit` with the first voxel, the depth and the value of each leaf that has a voxel of `inside`.
+    /// Calls `visit` with the first voxel, the depth and the value of each leaf that has a voxel of `inside`, of a
+    /// brick whose voxels are not all equal.
     #[inline]
     pub(crate) fn for_each_leaf_within(
         &self,
@@ -20,10 +21,9 @@ impl Store {
         inside: &Mask,
         mut visit: impl FnMut(usize, u8, f32),
     ) {
-        let [voxel_depth, block_depth, word_depth, brick_depth] = DEPTHS;
+        let [voxel_depth, block_depth, word_depth] = DEPTHS;
         match self.slots[index as usize].form {
-            Form::Uniform(UNKNOWN) => {}
-            Form::Uniform(state) => visit(0, brick_depth, palette.value(state)),
+            Form::Uniform(_) => {}
             Form::Planes { planes, entries, at } => {
                 let (planes, table) = self.parts(planes, entries, at);
                 let value = |voxel| palette.value(state_of(table, planes::get(planes, voxel)));

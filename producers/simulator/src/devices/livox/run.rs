@@ -8,7 +8,6 @@ use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use evac_formats::livox_sdk2::ports;
-use rustix::time::{ClockId, clock_gettime};
 
 use super::config::{LivoxConfig, LivoxProtocol, TimeSource};
 use super::faults::{Faults, Faulty};
@@ -16,6 +15,8 @@ use super::scene::Scene;
 use super::sdk1::Sdk1;
 use super::sdk2::Sdk2;
 use super::sender::Sender;
+use crate::FRAME_NS;
+use crate::devices::now_ns;
 
 /// Port of a device of the first protocol for commands.
 const SDK1_COMMAND: u16 = 65000;
@@ -160,6 +161,8 @@ struct Running {
     /// While it measures: host time and number of the next shot.
     next: Option<(i64, u64)>,
     packet: Vec<u8>,
+    /// The scene has ended.
+    is_over: bool,
 }
 
 impl Running {
@@ -177,6 +180,7 @@ impl Running {
             powered_ns: now,
             next: None,
             packet: Vec::new(),
+            is_over: false,
         }
     }
 
@@ -240,7 +244,7 @@ impl Running {
             Mind::Sdk1(mind) => mind.target(),
             Mind::Sdk2(mind) => mind.target(now),
         };
-        let Some(target) = target else {
+        let Some(target) = target.filter(|_| !self.is_over) else {
             self.next = None;
             return;
         };
@@ -250,7 +254,11 @@ impl Running {
             if now - next_ns < BACKLOG_NS {
                 let step_ns = (faults.clock_step_ms * 1e6) as i64;
                 let power_on_ns = (next_ns - self.powered_ns + step_ns).max(0);
-                self.sender.packet(shot, power_on_ns, next_ns + utc_ahead_ns() + step_ns, &mut self.packet);
+                let utc_ns = next_ns + utc_ahead_ns() + step_ns;
+                if !self.sender.packet(shot, power_on_ns, utc_ns, &mut self.packet) {
+                    self.is_over = true;
+                    break;
+                }
                 let points = &self.sockets.points;
                 let lost = if faults.cable_out {
                     1
@@ -266,12 +274,17 @@ impl Running {
         self.next = Some((next_ns, shot));
     }
 
-    /// Measuring begins, or goes on with the shot that is due by now: the world does not wait for a device.
+    /// Measuring begins at a whole tenth of a second of the device's clock, or goes on with the shot that is due by now: the
+    /// world does not wait for a device.
     fn begin(&self, now: i64) -> (i64, u64) {
         let packet_ns = self.sender.packet_ns();
-        let _ = self.shared.began_ns.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed);
-        let began = self.shared.began_ns.load(Ordering::Relaxed);
-        let packets = (now - began) / packet_ns;
+        let first = now + (self.powered_ns - now).rem_euclid(FRAME_NS);
+        let began = match self.shared.began_ns.load(Ordering::Relaxed) {
+            0 => first,
+            began => began,
+        };
+        self.shared.began_ns.store(began, Ordering::Relaxed);
+        let packets = (now - began).max(0) / packet_ns;
         (began + packets * packet_ns, packets.unsigned_abs() * self.sender.packet_shots() as u64)
     }
 }
@@ -291,11 +304,6 @@ impl Sockets {
 /// What nobody receives is lost, as on a real network.
 fn say(socket: &UdpSocket, to: SocketAddrV4, bytes: &[u8]) {
     let _ = socket.send_to(bytes, to);
-}
-
-fn now_ns() -> i64 {
-    let time = clock_gettime(ClockId::Monotonic);
-    time.tv_sec * 1_000_000_000 + time.tv_nsec
 }
 
 /// UTC less the host's monotonic clock, nanoseconds; the same for all packets of a process, so that both run alike.

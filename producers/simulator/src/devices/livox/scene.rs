@@ -1,17 +1,23 @@
 //! What a simulated LiDAR measures.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::Duration;
 
 use evac_formats::livox_sdk1::PointRecord;
 use evac_frames::Point;
 
 use crate::mid40::SHOTS_PER_FRAME;
 
+/// How long the next scan of a walk is waited for.
+const PATIENCE: Duration = Duration::from_millis(50);
+
 /// Something to be measured, shot by shot.
 pub trait Scene: Send {
     /// Appends `count` shots in millimetres, number `first` since the measuring began and the following; the origin where
-    /// nothing comes back.
-    fn shots(&mut self, first: u64, count: usize, out: &mut Vec<PointRecord>);
+    /// nothing comes back. False where the scene has ended before the last of them.
+    fn shots(&mut self, first: u64, count: usize, out: &mut Vec<PointRecord>) -> bool;
 }
 
 /// A wall 4 m ahead, each shot 1 mm farther left than the one before, for a second: which shot it is can be told from a point.
@@ -19,12 +25,13 @@ pub trait Scene: Send {
 pub struct Wall;
 
 impl Scene for Wall {
-    fn shots(&mut self, first: u64, count: usize, out: &mut Vec<PointRecord>) {
+    fn shots(&mut self, first: u64, count: usize, out: &mut Vec<PointRecord>) -> bool {
         out.extend((first..).take(count).map(|shot| PointRecord {
             values: [4000, (shot % 100_000) as i32, 1 + (shot / 100_000) as i32],
             reflectivity: 80,
             tag: 0,
         }));
+        true
     }
 }
 
@@ -35,11 +42,17 @@ pub struct WalkScene {
     scan: Vec<Point>,
     /// Number of the scan after the one at hand.
     next: u64,
+    /// Scans in the whole walk.
+    total: u64,
+    late: Arc<AtomicU64>,
 }
 
 /// The end at which a walk's scans are put in.
 #[derive(Debug, Clone)]
-pub struct WalkFeed(SyncSender<Vec<Point>>);
+pub struct WalkFeed {
+    scans: SyncSender<Vec<Point>>,
+    late: Arc<AtomicU64>,
+}
 
 impl WalkFeed {
     /// Puts in the next scan; gives it back where enough are waiting.
@@ -47,31 +60,49 @@ impl WalkFeed {
     /// # Errors
     /// The scan, to be put in later.
     pub fn put(&self, scan: Vec<Point>) -> Result<(), Vec<Point>> {
-        match self.0.try_send(scan) {
+        match self.scans.try_send(scan) {
             // Nobody measures any more.
             Ok(()) | Err(TrySendError::Disconnected(_)) => Ok(()),
             Err(TrySendError::Full(scan)) => Err(scan),
         }
     }
+
+    /// Scans that were not put in when their first shot was due; they have no returns.
+    pub fn late(&self) -> u64 {
+        self.late.load(Ordering::Relaxed)
+    }
 }
 
 impl WalkScene {
-    /// A scene and the end at which its scans are put in; at most `ahead` scans wait.
-    pub fn new(ahead: usize) -> (WalkFeed, Self) {
-        let (feed, scans) = sync_channel(ahead);
-        (WalkFeed(feed), Self { scans, scan: Vec::new(), next: 0 })
+    /// A scene of `total` scans and the end at which they are put in; at most `ahead` of them wait.
+    pub fn new(ahead: usize, total: u64) -> (WalkFeed, Self) {
+        let (sender, scans) = sync_channel(ahead);
+        let late = Arc::new(AtomicU64::new(0));
+        let feed = WalkFeed { scans: sender, late: Arc::clone(&late) };
+        (feed, Self { scans, scan: Vec::new(), next: 0, total, late })
+    }
+
+    /// Takes the scan of a number, and leaves out those before; the ones that come after their time are left out then.
+    fn take(&mut self, number: u64) {
+        while self.next <= number {
+            // The thread that simulates is behind: waiting for it a little is better than a hole, and packets may come late.
+            self.scan = self.scans.recv_timeout(PATIENCE).unwrap_or_else(|_| {
+                self.late.fetch_add(1, Ordering::Relaxed);
+                Vec::new()
+            });
+            self.next += 1;
+        }
     }
 }
 
 impl Scene for WalkScene {
-    fn shots(&mut self, first: u64, count: usize, out: &mut Vec<PointRecord>) {
+    fn shots(&mut self, first: u64, count: usize, out: &mut Vec<PointRecord>) -> bool {
         for shot in (first..).take(count) {
             let (scan, index) = (shot / SHOTS_PER_FRAME as u64, (shot % SHOTS_PER_FRAME as u64) as usize);
-            while self.next <= scan {
-                // A walk that is over, or not yet simulated, gives no returns.
-                self.scan = self.scans.try_recv().unwrap_or_default();
-                self.next += 1;
+            if scan >= self.total {
+                return false;
             }
+            self.take(scan);
             let point = self.scan.get(index).copied().unwrap_or_default();
             out.push(PointRecord {
                 values: [point.x, point.y, point.z].map(|metres| (f64::from(metres) * 1e3).round() as i32),
@@ -79,5 +110,6 @@ impl Scene for WalkScene {
                 tag: 0,
             });
         }
+        true
     }
 }

@@ -45,10 +45,13 @@ impl Sender {
         self.packet_shots() as i64 * SHOT_NS
     }
 
-    /// Replaces `out` by the packet with shot number `first`, which is measured at `power_on_ns` of the device's clock and `utc_ns`.
-    pub(super) fn packet(&mut self, first: u64, power_on_ns: i64, utc_ns: i64, out: &mut Vec<u8>) {
+    /// Replaces `out` by the packet with shot number `first`, which is measured at `power_on_ns` of the device's clock and `utc_ns`;
+    /// false where there is nothing more to measure.
+    pub(super) fn packet(&mut self, first: u64, power_on_ns: i64, utc_ns: i64, out: &mut Vec<u8>) -> bool {
         self.shots.clear();
-        self.scene.shots(first, self.packet_shots(), &mut self.shots);
+        if !self.scene.shots(first, self.packet_shots(), &mut self.shots) {
+            return false;
+        }
         match self.protocol {
             LivoxProtocol::Sdk1 => {
                 let (timestamp_type, stamp) = match self.source {
@@ -73,5 +76,6 @@ impl Sender {
                 livox_sdk2::encode_points(livox_sdk2::DataType::Cartesian32, &fields, &self.shots, out);
             }
         }
+        true
     }
 }
