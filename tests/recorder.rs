@@ -60,7 +60,6 @@ fn a_recorded_walk_gives_the_same_poses_and_maps_byte_for_byte_from_one_file_or_
     assert_eq!(files("one"), 1);
     assert_eq!(files("several"), 4);
     assert_eq!(bench.leftovers(), Vec::<String>::new());
-    // The ROS messages are the same scans in another form, whose poses need not be the same to the last bit.
     let taken = bench.run(["up", "recorded.toml"]);
     taken.expect_error(4, &["raw", "there is a recording of that name"]);
 }
@@ -98,4 +97,55 @@ fn a_recording_that_was_killed_is_read_up_to_its_last_chunk() {
             "{frames} of {whole} frames, cut by {cut}"
         );
     }
+}
+
+#[test]
+fn other_peoples_libraries_read_every_message_of_a_recording_and_what_is_left_of_one_that_was_cut() {
+    let bench = Bench::new();
+    let recorder = "output_dir = \"rec\"\nname = \"walk\"";
+    up(&bench, &pipeline(&bench, "lossless", "walk", "duration_s = 4.0", recorder));
+    let file = bench.path("rec/walk/evac_0.mcap");
+    let Some(read) = evac_testkit::ros_libraries(&["read".as_ref(), &file]) else { return };
+    let found: Value = serde_json::from_str(&read.unwrap()).unwrap();
+    assert_eq!(found["profile"], "ros2");
+    for (topic, kind, count) in [
+        ("/lidar/scan", "sensor_msgs/msg/PointCloud2", 40),
+        ("/scan/deskewed", "sensor_msgs/msg/PointCloud2", 40),
+        ("/imu/sample", "sensor_msgs/msg/Imu", 802),
+        ("/odometry/pose", "nav_msgs/msg/Odometry", 40),
+        ("/tf", "tf2_msgs/msg/TFMessage", 40),
+        ("/truth/pose", "geometry_msgs/msg/PoseStamped", 40),
+        ("/map/update", "sensor_msgs/msg/PointCloud2", 40),
+        ("/evac/lidar/scan", "std_msgs/msg/UInt8MultiArray", 40),
+        ("/evac/imu/sample", "std_msgs/msg/UInt8MultiArray", 802),
+    ] {
+        for library in ["mcap", "rosbags"] {
+            assert_eq!(found[library][format!("{topic} {kind}")], count, "{library} {topic}");
+        }
+    }
+    for topic in ["/grid/plan nav_msgs/msg/OccupancyGrid", "/diagnostics diagnostic_msgs/msg/DiagnosticArray"]
+    {
+        assert!(found["mcap"][topic].as_u64() > Some(0), "{topic}");
+    }
+    assert_eq!(found["scan"], serde_json::json!([10_000, 20, ["x", "y", "z", "intensity", "t"]]));
+    assert_eq!((&found["pose"][0], &found["pose"][1]), (&"map".into(), &"lidar".into()));
+    // The last pose is that of the trajectory file, to its digits.
+    let trajectory = bench.text("walk/trajectory.tum");
+    let last: Vec<f64> = trajectory.lines().last().unwrap().split(' ').map(|v| v.parse().unwrap()).collect();
+    for (axis, value) in last[1..4].iter().enumerate() {
+        assert!((found["position"][axis].as_f64().unwrap() - value).abs() < 1e-8, "{found}");
+    }
+    assert!(found["pose"][2][0].as_f64() > Some(0.0), "no covariance");
+    assert_eq!(found["grid"][2], found["grid"][0].as_u64().unwrap() * found["grid"][1].as_u64().unwrap());
+    assert!(found["attachments"]["pipeline.toml"].as_str().unwrap().contains("kind = \"recorder\""));
+    assert!(found["attachments"]["rig.toml"].as_str().unwrap().contains("translation_m"));
+
+    let bytes = std::fs::read(&file).unwrap();
+    let cut = bench.write("cut.mcap", &bytes[..bytes.len() / 2]);
+    let salvaged = evac_testkit::ros_libraries(&["salvage".as_ref(), &cut]).unwrap().unwrap();
+    let (salvaged, all): (u64, u64) = (
+        salvaged.trim().parse().unwrap(),
+        found["mcap"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum(),
+    );
+    assert!((all / 4..all).contains(&salvaged), "{salvaged} of {all} messages");
 }

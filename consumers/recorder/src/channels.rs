@@ -50,7 +50,6 @@ pub(crate) fn ros_topic(service: Service) -> (&'static str, Schema) {
 
 /// The topic of a service's frames as they lie in shared memory, with the layouts of header and elements.
 pub(crate) fn raw_topic(service: Service) -> (String, BTreeMap<String, String>) {
-    let header = |name: &str, text: String| (name.to_owned(), text);
     let layouts = match service {
         Service::Scan | Service::Deskewed => [Some(text::<ScanHeader>()), Some(text::<Point>())],
         Service::Map => [Some(text::<MapHeader>()), Some(text::<Voxel>())],
@@ -60,7 +59,8 @@ pub(crate) fn raw_topic(service: Service) -> (String, BTreeMap<String, String>) 
         Service::Health => [Some(text::<Health>()), None],
     };
     let names = ["header_layout", "item_layout"];
-    let metadata = names.into_iter().zip(layouts).filter_map(|(name, layout)| Some(header(name, layout?)));
+    let metadata =
+        names.into_iter().zip(layouts).filter_map(|(name, layout)| Some((name.to_owned(), layout?)));
     (format!("/evac/{}", service.name()), metadata.collect())
 }
 

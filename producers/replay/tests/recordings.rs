@@ -175,3 +175,26 @@ fn a_part_of_a_recording_is_the_same_scans_as_in_the_whole() {
     let said = common::error_of(Config { start_s: 2.5, ..config });
     assert!(said.contains("start_s = 2.5") && said.contains("2.0 s"), "{said}");
 }
+
+#[test]
+fn bags_of_all_kinds_that_rosbags_has_written_give_the_same_scans_and_imu() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(written) = evac_testkit::ros_libraries(&["write".as_ref(), folder.path()]) else { return };
+    written.unwrap();
+    for topic in ["/livox/lidar", "/livox/points"] {
+        let read = |name: &str| {
+            let bag = Some(folder.path().join(name));
+            tell(Config { bag, lidar_topic: Some(topic.to_owned()), ..Config::default() }, usize::MAX)
+        };
+        let ros1 = read("walk.bag");
+        assert_eq!((ros1.scans.len(), ros1.points.len(), ros1.imu.len()), (12, 12_000, 240), "{topic}");
+        let point = ros1.points[1003];
+        assert_eq!((point.y, point.z, point.offset_ns(), point.reflectivity()), (1.5, -0.25, 300_000, 3));
+        assert!((point.x - 1.03).abs() < 1e-6 && (ros1.imu[0].accel[2] - 9.80665).abs() < 1e-9);
+        for name in ["mcap", "mcap/mcap.mcap", "db3", "db3/db3.db3"] {
+            let ros2 = read(name);
+            assert_eq!((&ros2.scans, &ros2.imu), (&ros1.scans, &ros1.imu), "{name} {topic}");
+            assert_eq!(ros2.points, ros1.points, "{name} {topic}");
+        }
+    }
+}
