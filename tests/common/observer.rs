@@ -13,22 +13,22 @@ use evac_ports::{Bus, Domain, FrameSubscriber, RecordSubscriber};
 
 /// Everything that was heard.
 #[derive(Default)]
-pub struct Heard {
-    pub scans: Vec<FrameHeader>,
-    pub poses: Vec<PoseFrame>,
-    pub updates: Vec<FrameHeader>,
-    pub truth: BTreeMap<u64, PoseFrame>,
-    pub acks: Vec<Ack>,
+pub(crate) struct Heard {
+    pub(crate) scans: Vec<FrameHeader>,
+    pub(crate) poses: Vec<PoseFrame>,
+    pub(crate) updates: Vec<FrameHeader>,
+    pub(crate) truth: BTreeMap<u64, PoseFrame>,
+    pub(crate) acks: Vec<Ack>,
 }
 
-pub struct Observer {
+pub(crate) struct Observer {
     stop: Arc<AtomicBool>,
     thread: JoinHandle<Heard>,
 }
 
 impl Observer {
     /// Listens from now on; the domain must be up.
-    pub fn start(domain: &Domain) -> Self {
+    pub(crate) fn start(domain: &Domain) -> Self {
         let (domain, stop) = (domain.clone(), Arc::new(AtomicBool::new(false)));
         let (flag, (ready, is_ready)) = (stop.clone(), std::sync::mpsc::channel());
         let thread = std::thread::spawn(move || {
@@ -68,7 +68,7 @@ impl Observer {
         Self { stop, thread }
     }
 
-    pub fn stop(self) -> Heard {
+    pub(crate) fn stop(self) -> Heard {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().unwrap()
     }
@@ -76,14 +76,14 @@ impl Observer {
 
 impl Heard {
     /// Numbers of the acknowledgements of one sink.
-    pub fn acks_of(&self, sink: &str) -> Vec<u64> {
+    pub(crate) fn acks_of(&self, sink: &str) -> Vec<u64> {
         let name: [u8; 24] = Health::text(sink);
         self.acks.iter().filter(|ack| ack.name == name).map(|ack| ack.seq).collect()
     }
 
     /// How far the way between two poses is off at each cut from one instance to another, metres and radians, by the first frame of
     /// the new one.
-    pub fn jumps(&self) -> Vec<(u64, f64, f64)> {
+    pub(crate) fn jumps(&self) -> Vec<(u64, f64, f64)> {
         let tracks = |pose: &PoseFrame| {
             matches!(pose.tracking_state(), Some(TrackingState::Tracking | TrackingState::Degenerate))
         };
@@ -99,7 +99,7 @@ impl Heard {
     }
 
     /// Longest time between two poses' hand-overs, seconds.
-    pub fn longest_gap_s(&self) -> f64 {
+    pub(crate) fn longest_gap_s(&self) -> f64 {
         let gaps = self.poses.windows(2).map(|pair| pair[1].frame.sent_ns - pair[0].frame.sent_ns);
         gaps.max().unwrap_or(0) as f64 * 1e-9
     }
@@ -107,7 +107,7 @@ impl Heard {
 
 /// Every number once and in order.
 #[track_caller]
-pub fn assert_gap_free(what: &str, seqs: impl IntoIterator<Item = u64>) {
+pub(crate) fn assert_gap_free(what: &str, seqs: impl IntoIterator<Item = u64>) {
     let seqs: Vec<_> = seqs.into_iter().collect();
     assert!(seqs.len() > 1, "{what}: {seqs:?}");
     for pair in seqs.windows(2) {
