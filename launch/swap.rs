@@ -50,12 +50,6 @@ enum Phase {
     Linger { old: u32, since: Instant, told: bool, outcome: Outcome },
 }
 
-/// What became of an operation.
-enum Step {
-    Waits(Operation),
-    Done,
-}
-
 impl Supervisor {
     /// Takes up a request, or says why not.
     pub(crate) fn take_request(&mut self, request: &Request, mut reply: Reply) {
@@ -209,9 +203,9 @@ impl Supervisor {
         Ok(())
     }
 
-    fn step(&mut self, mut operation: Operation) -> Result<Step, LaunchError> {
+    fn step(&mut self, mut operation: Operation) -> Result<Option<Operation>, LaunchError> {
         let (slot, epoch) = (operation.slot, operation.epoch);
-        let Some(old) = self.slots.get(slot).map(|slot| slot.epoch) else { return Ok(Step::Done) };
+        let Some(old) = self.slots.get(slot).map(|slot| slot.epoch) else { return Ok(None) };
         let name = operation.entry.name().to_owned();
         let state = self.child(&name, epoch).and_then(|child| self.state_of(child));
         let gone = self.child(&name, epoch).is_none_or(|child| child.ended.is_some());
@@ -225,11 +219,11 @@ impl Supervisor {
                 if old == epoch {
                     // The routed instance has died meanwhile, and this one leads already.
                     operation.phase = Phase::TakeOver { old: None, since: Instant::now(), from_seq: 0 };
-                    return Ok(Step::Waits(operation));
+                    return Ok(Some(operation));
                 }
                 if state != Some(StageState::Ready as u32) {
                     if Instant::now() < until {
-                        return Ok(Step::Waits(operation));
+                        return Ok(Some(operation));
                     }
                     let word = match state {
                         Some(state) if state == StageState::Following as u32 => "it follows but is not ready",
@@ -244,7 +238,7 @@ impl Supervisor {
                 operation.ready_s = operation.started.elapsed().as_secs_f64();
                 if operation.order == Order::Standby {
                     operation.reply.done(&operation.outcome(None, None));
-                    return Ok(Step::Done);
+                    return Ok(None);
                 }
                 operation.reply.progress(&format!("ready after {:.1} s", operation.ready_s));
                 self.say(slot, |slot| slot.ask_to_hand_over())?;
@@ -272,7 +266,7 @@ impl Supervisor {
                     self.lead(slot, &operation.entry, |slot| slot.take_over(epoch))?;
                     operation.phase = Phase::TakeOver { old: None, since, from_seq: 0 };
                 } else {
-                    return Ok(Step::Waits(operation));
+                    return Ok(Some(operation));
                 }
             }
             Phase::TakeOver { old, since, from_seq } => {
@@ -281,13 +275,13 @@ impl Supervisor {
                 });
                 if gone || !leads {
                     // Its death is that of the instance that leads, and handled as such.
-                    return Ok(if gone { Step::Done } else { Step::Waits(operation) });
+                    return Ok(if gone { None } else { Some(operation) });
                 }
                 let ms = since.elapsed().as_secs_f64() * 1e3;
                 let outcome = operation.outcome(Some(from_seq), Some(ms));
                 let Some(old) = old else {
                     operation.reply.done(&outcome);
-                    return Ok(Step::Done);
+                    return Ok(None);
                 };
                 operation.phase = Phase::Linger { old, since: Instant::now(), told: false, outcome };
             }
@@ -297,7 +291,7 @@ impl Supervisor {
                     self.end(&name, old)?;
                     self.say(slot, |slot| slot.alone())?;
                     operation.reply.done(&outcome);
-                    return Ok(Step::Done);
+                    return Ok(None);
                 }
                 let due = since.elapsed() > LINGER;
                 if due
@@ -309,15 +303,15 @@ impl Supervisor {
                 operation.phase = Phase::Linger { old, since, told: told || due, outcome };
             }
         }
-        Ok(Step::Waits(operation))
+        Ok(Some(operation))
     }
 
     /// The new instance is killed, and the old one is what it was.
-    fn give_up(&mut self, mut operation: Operation, cause: &str) -> Result<Step, LaunchError> {
-        self.end(&operation.entry.name().to_owned(), operation.epoch)?;
+    fn give_up(&mut self, mut operation: Operation, cause: &str) -> Result<Option<Operation>, LaunchError> {
+        self.end(operation.entry.name(), operation.epoch)?;
         tracing::warn!(stage = operation.entry.name(), cause, "nothing is swapped");
         operation.reply.fail(&format!("{}: {cause}; the old instance goes on", operation.entry.name()));
-        Ok(Step::Done)
+        Ok(None)
     }
 
     /// Why an instance ended: in its own words, if it had any.
