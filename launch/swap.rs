@@ -189,20 +189,16 @@ impl Supervisor {
     pub(crate) fn operate(&mut self) -> Result<(), LaunchError> {
         while let Some(operation) = self.operation.take() {
             let phase = std::mem::discriminant(&operation.phase);
-            match self.step(operation)? {
-                Step::Waits(operation) => {
-                    let moved = std::mem::discriminant(&operation.phase) != phase;
-                    self.operation = Some(operation);
-                    if !moved {
-                        return Ok(());
-                    }
-                }
-                Step::Done => return Ok(()),
+            self.operation = self.step(operation)?;
+            let waits = |operation: &Operation| std::mem::discriminant(&operation.phase) == phase;
+            if self.operation.as_ref().is_some_and(waits) {
+                break;
             }
         }
         Ok(())
     }
 
+    /// What is left of the operation after its next step.
     fn step(&mut self, mut operation: Operation) -> Result<Option<Operation>, LaunchError> {
         let (slot, epoch) = (operation.slot, operation.epoch);
         let Some(old) = self.slots.get(slot).map(|slot| slot.epoch) else { return Ok(None) };

@@ -1,4 +1,5 @@
 //! `evac doctor` on this machine, with a module on a pseudo-terminal and a stage that was killed.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 
