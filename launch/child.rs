@@ -7,7 +7,7 @@ use std::process::{Child as Process, Command, ExitStatus};
 use evac_config::StageEntry;
 use evac_ports::{Domain, Ringer};
 use evac_stage::LogOptions;
-use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process, waitid};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use crate::error::LaunchError;
 
@@ -72,10 +72,13 @@ impl Child {
         self.process.id()
     }
 
-    /// Takes note of its end.
+    /// Takes note of its end. What it has started itself (a stage may be a script) ends with it.
     pub(crate) fn look(&mut self) -> Result<(), LaunchError> {
         if self.ended.is_none() {
             self.ended = self.process.try_wait().map_err(|cause| self.lost(&cause))?;
+            if self.ended.is_some() {
+                self.signal(Signal::KILL);
+            }
         }
         Ok(())
     }
@@ -89,10 +92,11 @@ impl Child {
         Ok(())
     }
 
+    /// Sends a signal to it and to what it has started itself.
     pub(crate) fn signal(&self, signal: Signal) {
-        let pid = i32::try_from(self.process.id()).ok().and_then(Pid::from_raw);
-        if let Some(pid) = pid
-            && let Err(cause) = kill_process(pid, signal)
+        let group = i32::try_from(self.process.id()).ok().and_then(Pid::from_raw);
+        if let Some(group) = group
+            && let Err(cause) = kill_process_group(group, signal)
         {
             tracing::debug!(stage = self.name, %cause, "already gone");
         }

@@ -171,12 +171,6 @@ pub(crate) struct RecordingArgs {
     /// Added to the byte log's times
     #[arg(long, value_name = "MS", default_value_t = 0.0, allow_negative_numbers = true)]
     pub(crate) imu_offset_ms: f64,
-    /// Leave out this much at the start
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
-    pub(crate) start: f64,
-    /// End after this much [default: at the recording's end]
-    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, hide_default_value = true)]
-    pub(crate) duration: f64,
     /// Use a recording that was cut, up to the cut
     #[arg(long)]
     pub(crate) allow_truncated: bool,
@@ -189,6 +183,12 @@ pub(crate) struct RecordingArgs {
 pub(crate) struct MapArgs {
     #[command(flatten)]
     pub(crate) recording: RecordingArgs,
+    /// Leave out this much at the start
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    pub(crate) start: f64,
+    /// End after this much [default: at the recording's end]
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0, hide_default_value = true)]
+    pub(crate) duration: f64,
     /// Folder for the results
     #[arg(short, long, value_name = "DIR", default_value = "evac-out")]
     pub(crate) output: PathBuf,

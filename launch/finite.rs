@@ -65,7 +65,8 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
     let mut pipeline = Pipeline::parse(Path::new("map.toml"), MAP)?;
     pipeline.rig = args.recording.rig()?;
     choose(&mut pipeline, &args.odometry);
-    for (key, value) in keys_of(&args.recording)? {
+    let part = [("start_s", Value::from(args.start)), ("duration_s", Value::from(args.duration))];
+    for (key, value) in keys_of(&args.recording)?.into_iter().chain(part) {
         set(&mut pipeline, "replay", key, value);
     }
     if let Some(truth) = &args.truth {
@@ -88,11 +89,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
 
 /// The replay's keys for a recording, whose files are there.
 pub(crate) fn keys_of(recording: &RecordingArgs) -> Result<Vec<(&'static str, Value)>, LaunchError> {
-    let mut keys = vec![
-        ("allow_truncated", Value::from(recording.allow_truncated)),
-        ("start_s", Value::from(recording.start)),
-        ("duration_s", Value::from(recording.duration)),
-    ];
+    let mut keys = vec![("allow_truncated", Value::from(recording.allow_truncated))];
     match (&recording.bag, &recording.lidar) {
         (Some(bag), _) => keys.push(("bag", existing_bag(bag)?)),
         (None, Some(lidar)) => {

@@ -203,7 +203,8 @@ fn an_instance_that_dies_hangs_or_is_wrong_leaves_the_old_one_as_it_was() {
 #[test]
 fn a_lossless_walk_with_swaps_of_mapper_and_sinks_ends_with_the_same_files() {
     let bench = Bench::new();
-    let walk = "seed = 6\nduration_s = 60.0";
+    // Long enough for three swaps on a fast machine: it runs as fast as it goes.
+    let walk = "seed = 6\nlaps = 3\nduration_s = 180.0";
     let whole = pipeline(&bench, "lossless", "whole", walk);
     Running::start(bench.evac(["up", &whole])).end().expect_success();
     let swapped = pipeline(&bench, "lossless", "swapped", walk);
