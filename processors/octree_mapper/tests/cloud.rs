@@ -53,11 +53,11 @@ fn a_point_gives_one_hit_and_no_ray() {
 #[test]
 fn points_that_cannot_go_in_are_counted() {
     let bad = [[f32::NAN, 0.0, 0.0], [0.0, 1e9, 0.0], [0.0, f32::INFINITY, 0.0]];
-    let far = (0..100).map(|n| [30.0 * n as f32, 0.0, 0.0]);
-    let config = MapConfig { max_bytes: 64 << 10, ..MapConfig::new(0.1) };
+    let far = (0..10_000).map(|n| [30.0 * (n % 100) as f32, 30.0 * (n / 100) as f32, 0.0]);
+    let config = MapConfig { max_bytes: 1 << 20, ..MapConfig::new(0.1) };
     let cloud = map_of_cloud(bad.into_iter().chain(far), config).unwrap();
-    assert_eq!((cloud.not_finite, cloud.outside, cloud.hits + cloud.full), (2, 1, 100));
-    assert!(cloud.hits > 10 && cloud.full > 10 && cloud.map.memory_bytes() <= 64 << 10);
+    assert_eq!((cloud.not_finite, cloud.outside, cloud.hits + cloud.full), (2, 1, 10_000));
+    assert!(cloud.hits > 100 && cloud.full > 100 && cloud.map.memory_bytes() <= 1 << 20);
 }
 
 #[test]
