@@ -1,4 +1,4 @@
-//! MCAP files (https://mcap.dev/spec), the default of ROS 2 bags and what evac records: records of one byte of kind and
+//! MCAP files (<https://mcap.dev/spec>), the default of ROS 2 bags and what evac records: records of one byte of kind and
 //! eight of length; messages lie in chunks, plain or compressed with lz4 or zstd, or between them.
 
 mod index;

@@ -1,4 +1,4 @@
-//! Reads the tables of an SQLite 3 file row by row (https://www.sqlite.org/fileformat2.html): what a ROS 2 bag of kind
+//! Reads the tables of an SQLite 3 file row by row (<https://www.sqlite.org/fileformat2.html>): what a ROS 2 bag of kind
 //! db3 needs, and no more. No index, no query, no writing.
 
 mod pages;
