@@ -22,6 +22,8 @@ const OUTPUTS: &[&str] = &[
     "plan.pgm",
     "plan.yaml",
     "plan.png",
+    "plan_ground.pfm",
+    "plan_step.pfm",
     "plan_ground.png",
     "storeys.json",
     "trajectory.tum",

@@ -7,7 +7,7 @@ use evac_geometry::map_from_lidar;
 use evac_ports::services::{OdometryPose, TruthPose};
 use evac_ports::{Bus, Listener, PortError, RecordSubscriber};
 
-use super::swaps_report::Swaps;
+use super::swaps_report::{Cut, Swaps};
 
 /// True poses kept until the pose of their scan comes.
 const MAX_TRUTH: usize = 256;
@@ -25,9 +25,9 @@ pub(super) struct Monitor {
     frames: u64,
     lost: u64,
     doubled: u64,
-    cuts: u64,
-    jump_m: f64,
-    jump_rad: f64,
+    cuts: Vec<Cut>,
+    /// Worst step that is no cut, metres.
+    elsewhere_m: f64,
     gap_ns: i64,
 }
 
@@ -45,9 +45,8 @@ impl Monitor {
             frames: 0,
             lost: 0,
             doubled: 0,
-            cuts: 0,
-            jump_m: 0.0,
-            jump_rad: 0.0,
+            cuts: Vec::new(),
+            elsewhere_m: 0.0,
             gap_ns: 0,
         })
     }
@@ -73,30 +72,30 @@ impl Monitor {
         self.frames += 1;
         if let Some(last) = self.last.replace(*pose) {
             self.gap_ns = self.gap_ns.max(pose.frame.sent_ns - last.frame.sent_ns);
+            let error = self.step_error(&last, pose);
             if last.frame.epoch != pose.frame.epoch {
-                self.cuts += 1;
-                self.measure_cut(&last, pose);
+                // A step that cannot be judged is no good one.
+                let (off_m, off_rad) = error.unwrap_or((f64::INFINITY, f64::INFINITY));
+                self.cuts.push(Cut { seq: pose.frame.seq, off_m, off_deg: off_rad.to_degrees() });
+            } else if let Some((off_m, _)) = error {
+                self.elsewhere_m = self.elsewhere_m.max(off_m);
             }
         }
     }
 
-    /// How far the step across a cut is off the true one.
-    fn measure_cut(&mut self, before: &PoseFrame, after: &PoseFrame) {
+    /// How far the step between two poses is off the true one, metres and radians; nothing where an odometry does not track.
+    fn step_error(&self, before: &PoseFrame, after: &PoseFrame) -> Option<(f64, f64)> {
         let tracks = |pose: &PoseFrame| {
             matches!(pose.tracking_state(), Some(TrackingState::Tracking | TrackingState::Degenerate))
         };
+        if !(tracks(before) && tracks(after)) {
+            return None;
+        }
         let truth = |seq: u64| self.truth.iter().find(|truth| truth.frame.seq == seq);
-        let (Some(true_before), Some(true_after)) = (truth(before.frame.seq), truth(after.frame.seq)) else {
-            return;
-        };
+        let (true_before, true_after) = (truth(before.frame.seq)?, truth(after.frame.seq)?);
         let step = |a: &PoseFrame, b: &PoseFrame| map_from_lidar(a).inverse() * map_from_lidar(b);
         let error = step(true_before, true_after).inverse() * step(before, after);
-        if tracks(before) && tracks(after) {
-            self.jump_m = self.jump_m.max(error.translation.vector.norm());
-            self.jump_rad = self.jump_rad.max(error.rotation.angle());
-        } else {
-            self.jump_m = f64::INFINITY;
-        }
+        Some((error.translation.vector.norm(), error.rotation.angle()))
     }
 
     pub(super) fn take_ack(&mut self, ack: &Ack) {
@@ -115,9 +114,8 @@ impl Monitor {
         swaps.frames = self.frames;
         swaps.lost = self.lost;
         swaps.doubled = self.doubled;
-        swaps.odometry_cuts = self.cuts;
-        swaps.jump_m = self.jump_m;
-        swaps.jump_deg = self.jump_rad.to_degrees();
+        swaps.odometry_cuts.clone_from(&self.cuts);
+        swaps.elsewhere_m = self.elsewhere_m;
         swaps.longest_gap_ms = self.gap_ns as f64 * 1e-6;
     }
 }

@@ -19,6 +19,16 @@ pub(super) struct Change {
     pub(super) handover_ms: Option<f64>,
 }
 
+/// A change of the odometry's instance, seen in its poses.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct Cut {
+    /// First frame of the new one.
+    pub(super) seq: u64,
+    /// How far the step to it is off the true one.
+    pub(super) off_m: f64,
+    pub(super) off_deg: f64,
+}
+
 /// All of a run.
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Swaps {
@@ -34,10 +44,9 @@ pub(super) struct Swaps {
     pub(super) stages_lost: u64,
     /// Poses in trajectory.tum.
     pub(super) saved_poses: u64,
-    pub(super) odometry_cuts: u64,
-    /// How far the step across a cut of the odometry is off the true one, at worst.
-    pub(super) jump_m: f64,
-    pub(super) jump_deg: f64,
+    pub(super) odometry_cuts: Vec<Cut>,
+    /// How far any other step of the odometry is off the true one, at worst.
+    pub(super) elsewhere_m: f64,
     /// Longest time between two poses; the period is 100 ms.
     pub(super) longest_gap_ms: f64,
 }
@@ -62,20 +71,25 @@ impl Swaps {
             let handover = median_and_max(changes.iter().filter_map(|change| change.handover_ms));
             let _ = writeln!(text, "{stage:<16} {kind:<14} {:>6} {ready:>18} {handover:>22}", changes.len());
         }
+        let mut off_mm: Vec<_> = self.odometry_cuts.iter().map(|cut| cut.off_m * 1e3).collect();
+        off_mm.sort_by(f64::total_cmp);
+        let worst_deg = self.odometry_cuts.iter().map(|cut| cut.off_deg).fold(0.0, f64::max);
         let how = if self.killed { "kills beside a standby" } else { "swaps" };
         let _ = write!(
             text,
             "{} {how}, {} frames: {} lost and {} doubled at the sinks, {} lost or late by the stages' own count, {} poses saved\n\
-             {} cuts of the odometry: at worst {:.1} mm and {:.3} degrees off the true step; longest gap of the pose stream {:.0} ms",
+             {} cuts of the odometry: {:.1} mm off the true step in the median, at worst {:.1} mm and {worst_deg:.3} degrees \
+             (any other step: {:.1} mm at worst); longest gap of the pose stream {:.0} ms",
             self.changes.len(),
             self.frames,
             self.lost,
             self.doubled,
             self.stages_lost,
             self.saved_poses,
-            self.odometry_cuts,
-            self.jump_m * 1e3,
-            self.jump_deg,
+            off_mm.len(),
+            off_mm.get(off_mm.len() / 2).copied().unwrap_or_default(),
+            off_mm.last().copied().unwrap_or_default(),
+            self.elsewhere_m * 1e3,
             self.longest_gap_ms,
         );
         text
@@ -115,12 +129,14 @@ mod tests {
         let mut swaps = Swaps::new(1, false);
         swaps.changes =
             vec![change("loam", 3.0, Some(0.5)), change("lio", 2.0, Some(0.25)), change("loam", 4.0, None)];
-        (swaps.frames, swaps.lost, swaps.jump_m) = (600, 2, 0.0123);
+        (swaps.frames, swaps.lost) = (600, 2);
+        swaps.odometry_cuts =
+            [0.001, 0.0123, 0.004].map(|off_m| Cut { seq: 7, off_m, off_deg: 0.1 }).to_vec();
         let table = swaps.table();
         for words in [
             "loam                2            4.0/4.0",
             "3 swaps, 600 frames: 2 lost and 0 doubled",
-            "12.3 mm",
+            "3 cuts of the odometry: 4.0 mm off the true step in the median, at worst 12.3 mm",
         ] {
             assert!(table.contains(words), "no '{words}' in\n{table}");
         }
