@@ -7,6 +7,7 @@ use laz::laszip::{CompressorType, LazItemType, LazVlr};
 use laz::record::{LayeredPointRecordDecompressor, RecordDecompressor, SequentialPointRecordDecompressor};
 use laz::{DecompressionSelection, LazItem};
 
+use super::gps_time::GpsTime;
 use super::header::{Header, u32_at};
 
 /// Bytes of the place of the chunk table, before the first chunk. The table is for jumping, which is not done here.
@@ -90,7 +91,13 @@ impl<R: Read + Seek + Send + Sync + 'static> Unpacker<R> {
         match &mut self.decoder {
             Decoder::Sequential(decoder) => {
                 decoder.reset();
-                decoder.set_fields_from(&self.items).map_err(io::Error::other)
+                for item in &self.items {
+                    match (item.item_type(), item.version()) {
+                        (LazItemType::GpsTime, 2) => decoder.add_field_decompressor(GpsTime::new()),
+                        _ => decoder.set_fields_from(&vec![*item]).map_err(io::Error::other)?,
+                    }
+                }
+                Ok(())
             }
             Decoder::Layered(decoder) => {
                 decoder.reset();

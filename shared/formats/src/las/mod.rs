@@ -3,6 +3,7 @@
 //! The header is read here. Of LAZ only the arithmetic decoder is another's (crate `laz`): what the file claims about
 //! sizes is checked here first, since that crate believes it.
 
+mod gps_time;
 mod header;
 mod laz;
 mod reader;

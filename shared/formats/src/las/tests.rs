@@ -121,3 +121,22 @@ proptest! {
         let _ = read(&bytes);
     }
 }
+
+#[test]
+fn gps_times_of_interleaved_sequences_do_not_put_the_coordinates_out_of_step() {
+    // laspy wrote the same 700 points twice: four sequences of times with jumps, repeats and steps of all multiples.
+    let [plain, packed] = [
+        &include_bytes!("../../tests/golden_clouds/wild_times.las")[..],
+        &include_bytes!("../../tests/golden_clouds/wild_times.laz")[..],
+    ]
+    .map(|bytes| read(bytes).unwrap());
+    assert_eq!(plain.len(), 700);
+    assert!(plain == packed);
+}
+
+#[test]
+fn gps_times_that_change_their_sequence_without_end_are_damage() {
+    // Found by fuzzing: crate `laz` recursed on it until the stack was full.
+    let error = read(include_bytes!("../../tests/golden_clouds/laz_endless_times.laz")).unwrap_err();
+    assert!(error.to_string().contains("without end"), "{error}");
+}
