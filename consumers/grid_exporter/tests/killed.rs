@@ -2,24 +2,20 @@
 #![allow(clippy::unwrap_used)]
 
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::time::Duration;
 
 use evac_formats::{occupancy_grid, pfm};
 use evac_frames::{FrameHeader, MapHeader, PoseFrame, TrackingState, Voxel, frame_flags, voxel_flags};
 use evac_grid_exporter::{GridExporter, GridExporterConfig};
 use evac_stage::{Counters, GridOutput, MapMessage, PlanInput, Rig, Stage};
-
-/// Tells the process that is killed where to write.
-const FOLDER: &str = "EVAC_TEST_KILLED_FOLDER";
+use evac_testkit::{folder_of_killed, kill_while_writing};
 
 /// Not a test of its own: the process that `a_killed_exporter_leaves_whole_files` starts. It saves without a pause, each time a room
 /// that is longer by one cell.
 #[test]
 #[ignore = "the process that the other test kills"]
 fn saves_without_a_pause() {
-    let Ok(folder) = std::env::var(FOLDER) else { return };
-    let config = GridExporterConfig { output_dir: folder.into(), ..GridExporterConfig::default() };
+    let Some(folder) = folder_of_killed() else { return };
+    let config = GridExporterConfig { output_dir: folder, ..GridExporterConfig::default() };
     let mut stage = GridExporter::new(config, &Rig::default()).unwrap();
     for length in 0..10_000 {
         let wall = |y: i32| y == 0 || y == 30;
@@ -69,24 +65,8 @@ fn check(folder: &Path) -> u32 {
 fn a_killed_exporter_leaves_whole_files() {
     let folder = tempfile::tempdir().unwrap();
     let mut widths = Vec::new();
-    for round in 0..40_u64 {
-        let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--ignored", "--exact", "saves_without_a_pause"])
-            .env(FOLDER, folder.path())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        while !folder.path().join("storeys.json").exists() {
-            assert!(child.try_wait().unwrap().is_none(), "the process that saves has ended");
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        // Anywhere in the saving, without a clock: 0 to 480 ms in steps that follow no rhythm.
-        std::thread::sleep(Duration::from_millis(round * 7919 % 481));
-        child.kill().unwrap();
-        child.wait().unwrap();
-        widths.push(check(folder.path()));
-    }
+    let look = || widths.push(check(folder.path()));
+    kill_while_writing("saves_without_a_pause", folder.path(), "storeys.json", 40, look).unwrap();
     widths.sort_unstable();
     widths.dedup();
     assert!(widths.len() > 1, "killed at different sizes: {widths:?}");

@@ -2,8 +2,6 @@
 #![allow(clippy::unwrap_used)]
 
 use std::path::Path;
-use std::process::{Command, Stdio};
-use std::time::Duration;
 
 use evac_formats::{octomap, pcd, tum};
 use evac_frames::{
@@ -11,17 +9,15 @@ use evac_frames::{
 };
 use evac_map_saver::{MapSaver, MapSaverConfig};
 use evac_stage::{Counters, MapMessage, NoOutput, Rig, SinkInput, Stage};
-
-/// Tells the process that is killed where to write.
-const FOLDER: &str = "EVAC_TEST_KILLED_FOLDER";
+use evac_testkit::{folder_of_killed, kill_while_writing};
 
 /// Not a test of its own: the process that `a_killed_saver_leaves_whole_files` starts. It saves without a pause, each time some
 /// voxels, a pose and some points more.
 #[test]
 #[ignore = "the process that the other test kills"]
 fn saves_without_a_pause() {
-    let Ok(folder) = std::env::var(FOLDER) else { return };
-    let config = MapSaverConfig { output_dir: folder.into(), ..MapSaverConfig::default() };
+    let Some(folder) = folder_of_killed() else { return };
+    let config = MapSaverConfig { output_dir: folder, ..MapSaverConfig::default() };
     let mut stage = MapSaver::new(config, &Rig::default()).unwrap();
     for seq in 0..10_000_u16 {
         let voxel = |number: u16| Voxel {
@@ -60,24 +56,8 @@ fn check(folder: &Path) -> usize {
 fn a_killed_saver_leaves_whole_files() {
     let folder = tempfile::tempdir().unwrap();
     let mut lengths = Vec::new();
-    for round in 0..25_u64 {
-        let mut child = Command::new(std::env::current_exe().unwrap())
-            .args(["--ignored", "--exact", "saves_without_a_pause"])
-            .env(FOLDER, folder.path())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .unwrap();
-        while !folder.path().join("cloud.pcd").exists() {
-            assert!(child.try_wait().unwrap().is_none(), "the process that saves has ended");
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        // Anywhere in the saving, without a clock: 0 to 480 ms in steps that follow no rhythm.
-        std::thread::sleep(Duration::from_millis(round * 7919 % 481));
-        child.kill().unwrap();
-        child.wait().unwrap();
-        lengths.push(check(folder.path()));
-    }
+    let look = || lengths.push(check(folder.path()));
+    kill_while_writing("saves_without_a_pause", folder.path(), "cloud.pcd", 25, look).unwrap();
     lengths.sort_unstable();
     lengths.dedup();
     assert!(lengths.len() > 3, "killed at different lengths: {lengths:?}");

@@ -7,10 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use rustix::time::{ClockId, clock_gettime};
-
 use super::module::Module;
 use super::port::Port;
+use crate::devices::now_ns;
 
 /// Time between two measurements.
 const PERIOD: Duration = Duration::from_millis(5);
@@ -71,9 +70,4 @@ impl Drop for Bench {
 
 fn lock(port: &Mutex<Port>) -> MutexGuard<'_, Port> {
     port.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-fn now_ns() -> i64 {
-    let time = clock_gettime(ClockId::Monotonic);
-    time.tv_sec * 1_000_000_000 + time.tv_nsec
 }
