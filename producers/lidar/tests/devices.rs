@@ -141,9 +141,16 @@ fn a_pulled_cable_is_noticed_and_data_goes_on_when_it_is_back() {
 
 #[test]
 fn a_step_of_the_clock_begins_a_new_segment_and_host_times_go_on() {
-    for (protocol, step_ms) in [(Protocol::Sdk1, 5e6), (Protocol::Sdk1, -700.0), (Protocol::Sdk2, 90_000.0)] {
+    // A step of less than 100 ms is told from a late packet once the clock is known, which takes 4 s.
+    for (protocol, step_ms, scans) in [
+        (Protocol::Sdk1, 5e6, 12),
+        (Protocol::Sdk1, -700.0, 12),
+        (Protocol::Sdk2, 90_000.0, 12),
+        (Protocol::Sdk1, 40.0, 50),
+        (Protocol::Sdk2, -15.0, 50),
+    ] {
         let (device, mut host) = pair(protocol);
-        host.scans(12);
+        host.scans(scans);
         device.faults(|faults| faults.clock_step_ms = step_ms);
         host.until_noted(&["sampling", "1 clock step"]);
         let scans = host.scans(10);
