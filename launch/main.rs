@@ -7,6 +7,7 @@ mod cli;
 mod control;
 mod convert;
 mod cpu;
+mod device_health;
 mod devices;
 mod doctor;
 mod drift;

@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-use evac_formats::wt901c::Parser;
-use evac_frames::{FrameHeader, ImuSample, frame_flags};
+use evac_formats::wt901c::{Parser, id};
+use evac_frames::{
+    DeviceHealth, DeviceKind, FrameHeader, ImuSample, NO_DEVICE_STATE, NO_TEMPERATURE, frame_flags,
+};
 use evac_stage::{Device, ImuOutput, Reporter, Rig, StageConfig, StageError};
 use rustix::time::{ClockId, clock_gettime};
 
@@ -39,9 +41,13 @@ pub struct Imu {
     rest: Rest,
     last_phase: Phase,
     last_sample: Option<ImuSample>,
+    opened: u64,
+    published: u64,
     unplugged: u64,
     losses: u64,
     last_loss: Option<Loss>,
+    /// As the module says it, 0.01 degrees Celsius.
+    temperature_centi: i32,
     note: Note,
     next_note_ns: i64,
     buffer: Box<[u8; READ]>,
@@ -67,9 +73,12 @@ impl Device for Imu {
             rest: Rest::new(&config, rig),
             last_phase: Phase::Searching,
             last_sample: None,
+            opened: 0,
+            published: 0,
             unplugged: 0,
             losses: 0,
             last_loss: None,
+            temperature_centi: NO_TEMPERATURE,
             note: Note::new(),
             next_note_ns: i64::MIN,
             buffer: Box::new([0; READ]),
@@ -129,6 +138,7 @@ impl Imu {
             Ok(link) => {
                 tracing::info!(port = self.port_name, "opened");
                 self.link = Some(link);
+                self.opened += 1;
                 self.closed.clear();
                 self.session.opened(now);
                 self.last_phase = Phase::Searching;
@@ -209,6 +219,7 @@ impl Imu {
             let Some(sample) = sample else { continue };
             reporter.begin();
             let sent = output.publish(&sample)?;
+            self.published += 1;
             let header = FrameHeader {
                 seq: sent.seq,
                 start_ns: sent.stamp_ns,
@@ -234,6 +245,9 @@ impl Imu {
     ) -> Result<Option<ImuSample>, StageError> {
         let Some(frame) = self.parser.push(byte) else { return Ok(None) };
         self.session.heard(&frame, now);
+        if frame.id == id::ACCEL {
+            self.temperature_centi = i32::from(frame.words()[3]);
+        }
         if self.session.phase() != Phase::Streaming {
             return Ok(None);
         }
@@ -282,6 +296,19 @@ impl Imu {
         reporter.counters.late = counts.untimed + polled.1;
         reporter.counters.degraded = self.losses + self.unplugged;
         reporter.counters.rejected = self.parser.skipped() + polled.2;
+        reporter.device = DeviceHealth {
+            used: self.published,
+            lost: reporter.input.imu_lost,
+            late: polled.1,
+            corrupt: reporter.counters.rejected,
+            untimed: counts.untimed,
+            clock_steps: counts.clock_steps,
+            sessions: self.opened,
+            kind: DeviceKind::Wt901c as u32,
+            state: NO_DEVICE_STATE,
+            temperature_centi: self.temperature_centi,
+            ..DeviceHealth::default()
+        };
         if now < self.next_note_ns {
             return;
         }

@@ -6,6 +6,7 @@ mod common;
 
 use common::{Driver, ONE_G, at_rest, config, factory, link, periods_ms};
 use evac_formats::wt901c::{baud_code, content, rate_code, register};
+use evac_frames::DeviceKind;
 use evac_imu::{Config, Protocol};
 use evac_simulator::devices::wt901c::{Bench, Faults, Line, Module};
 
@@ -37,6 +38,9 @@ fn a_module_as_from_the_factory_is_found_set_and_streams_evenly() {
     cycled.power_cycle();
     assert_eq!((cycled.baud(), cycled.register(register::RATE)), (115_200, 0x0b));
     driver.run_until_noted("200 Hz, jitter");
+    let health = driver.reporter.device;
+    assert_eq!((health.kind, health.sessions), (DeviceKind::Wt901c as u32, 1));
+    assert!(health.used >= 800 && health.temperature_centi == 2534, "{health:?}");
 }
 
 #[test]
