@@ -90,7 +90,7 @@ fn what_a_killed_stage_left_is_named_until_it_is_cleaned_and_a_living_one_is_lef
 }
 
 #[test]
-fn a_lidar_of_either_protocol_is_found_and_an_absent_one_is_told_from_a_held_one() {
+fn a_lidar_of_either_protocol_is_found_and_an_absent_one_is_a_fault() {
     for (number, protocol, name) in [(0, LivoxProtocol::Sdk1, "sdk1"), (2, LivoxProtocol::Sdk2, "sdk2")] {
         let bench = Bench::new();
         let [_, a, b, c] = (std::process::id() << 2 | number).to_be_bytes();

@@ -5,7 +5,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use evac_formats::livox_sdk1::{Broadcast, Frames, Reply};
+use evac_formats::livox_sdk1::{Frames, Reply};
 use evac_formats::livox_sdk2::{self, Frame, FrameKind, SearchReply, Sender};
 
 use super::finding::Finding;
@@ -146,9 +146,7 @@ impl Search<'_> {
 /// The broadcast code of an announcement.
 fn code_of(bytes: &[u8]) -> Option<String> {
     Frames::new(bytes).find_map(|frame| match Reply::read(frame.set, frame.id, frame.payload) {
-        Some(Reply::Broadcast(Broadcast { code, device_type, reserved })) => {
-            Some(Broadcast { code, device_type, reserved }.code_text().to_owned())
-        }
+        Some(Reply::Broadcast(broadcast)) => Some(broadcast.code_text().to_owned()),
         _ => None,
     })
 }

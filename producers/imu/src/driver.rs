@@ -18,7 +18,7 @@ use crate::session::{Action, Loss, Phase, Session};
 use crate::{Config, Protocol};
 
 /// Between two attempts to open the port, nanoseconds.
-const REOPEN_NS: i64 = 200_000_000;
+pub(crate) const REOPEN_NS: i64 = 200_000_000;
 /// Between two notes, nanoseconds.
 const NOTE_NS: i64 = 500_000_000;
 /// Bytes of one read: more than a stall of 100 ms at 230400 baud gives.

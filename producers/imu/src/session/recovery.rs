@@ -6,6 +6,7 @@ use evac_simulator::devices::wt901c::{Line, Module};
 
 use super::{Action, BAUDS, FOUND_ANYWHERE_NS, FOUND_NS, Loss, NOTICED_NS, Phase, Session};
 use crate::Config;
+use crate::driver::REOPEN_NS;
 
 /// The module measures so often, and both ends look at the line.
 const STEP_NS: i64 = 5_000_000;
@@ -131,5 +132,19 @@ fn silence_and_rubbish_are_noticed_within_the_stated_time_and_the_module_is_foun
         talk.plugged = true;
         let took = talk.until("the stream", Talk::streams);
         assert!(took <= FOUND_ANYWHERE_NS, "{loss:?}: {took} ns");
+    }
+}
+
+#[test]
+fn the_document_states_the_times_that_are_tested() {
+    let document = include_str!("../../../../docs/devices.md");
+    let seconds = |time_ns: i64| (time_ns as f64 * 1e-8).ceil() * 0.1;
+    let [kept, forgotten, anywhere] =
+        [FOUND_NS + REOPEN_NS, FOUND_ANYWHERE_NS + REOPEN_NS, FOUND_ANYWHERE_NS].map(seconds);
+    for stated in [
+        format!("it streams in {kept:.1} s; in {forgotten:.1} s if it has forgotten"),
+        format!("noticed in {} s; it streams in {anywhere:.1} s", NOTICED_NS / SECOND),
+    ] {
+        assert!(document.contains(&stated), "{stated}");
     }
 }

@@ -210,3 +210,11 @@ fn a_host_that_restarts_measures_within_the_stated_time_of_the_device_s_giving_t
         }
     }
 }
+
+#[test]
+fn the_document_states_the_times_that_are_tested() {
+    let document = include_str!("../../../../docs/devices.md");
+    let stated = format!("noticed in {} s; data in {} s", NOTICED_NS / SECOND, RECOVERED_NS / SECOND);
+    assert_eq!(document.matches(&stated).count(), 3, "{stated}");
+    assert!(document.contains(&format!("| data in {} s |", RECOVERED_NS / SECOND)));
+}
