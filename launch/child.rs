@@ -137,7 +137,7 @@ fn ring_at_end(pid: u32, ringer: Ringer) {
 }
 
 /// A stage of evac's own runs from this executable; another is named in the pipeline file.
-fn executable(entry: &StageEntry) -> Result<(PathBuf, Vec<PathBuf>), LaunchError> {
+pub(crate) fn executable(entry: &StageEntry) -> Result<(PathBuf, Vec<PathBuf>), LaunchError> {
     match entry.run.as_deref() {
         Some([executable, arguments @ ..]) => Ok((executable.clone(), arguments.to_vec())),
         _ => {

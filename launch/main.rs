@@ -4,6 +4,7 @@ mod calibrate;
 mod check;
 mod child;
 mod cli;
+mod compare;
 mod control;
 mod convert;
 mod cpu;
@@ -19,6 +20,7 @@ mod live;
 mod progress;
 mod registry;
 mod restart;
+mod shadow;
 mod slot;
 mod status;
 mod summary;
@@ -55,6 +57,9 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Down(args) => live::down(&args),
         Command::Swap(args) => control::swap(&args),
         Command::Standby(args) => control::standby(&args),
+        Command::Shadow(args) => control::shadow(&args),
+        Command::Promote(args) => control::promote(&args),
+        Command::Compare(args) => compare::compare(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
         Command::Doctor(args) => doctor::doctor(&args),

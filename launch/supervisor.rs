@@ -20,6 +20,7 @@ use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
 use crate::registry::Role;
 use crate::restart::Restarts;
+use crate::shadow::Shadows;
 use crate::slot::Slot;
 use crate::swap::Operation;
 
@@ -40,6 +41,7 @@ pub(crate) struct Supervisor {
     pub(crate) board: HealthBoard,
     pub(crate) around: Surroundings,
     pub(crate) operation: Option<Operation>,
+    pub(crate) shadows: Shadows,
     /// Where crashed stages are started anew.
     pub(crate) restarts: Option<Restarts>,
     control: Server,
@@ -96,6 +98,7 @@ impl Supervisor {
             board,
             around: Surroundings { domain: domain.clone(), log: *log, ringer: bell.ringer() },
             operation: None,
+            shadows: Shadows::default(),
             restarts: None,
             control: Server::start(domain, bell.ringer())?,
             acks,

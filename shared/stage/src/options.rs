@@ -26,6 +26,9 @@ pub struct RunOptions {
     /// Follow the routed instance without publishing, until the launcher routes this one
     #[arg(long)]
     pub standby: bool,
+    /// Follow the routed instance to where it is, then go on beside it; the output goes to the domain's shadows
+    #[arg(long, conflicts_with = "standby")]
+    pub shadow: bool,
     /// Print the configuration that would be used, with every default, and end
     #[arg(long)]
     pub print_config: bool,
