@@ -73,7 +73,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
         existing(truth)?;
     }
     if let Some(rate) = args.rate {
-        (pipeline.mode, pipeline.rate) = (Mode::Live, rate);
+        (pipeline.mode, pipeline.rate) = (Mode::Live, Some(rate));
     }
     let own = format!("map-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
