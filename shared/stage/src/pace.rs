@@ -47,7 +47,11 @@ impl Pace {
         Self::RealTime(Clockwork::new(rate.unwrap_or(1.0)))
     }
 
-    pub(crate) fn lossless(rate: Option<f64>, bus: &Bus, pipeline: Option<&Pipeline>) -> Result<Self, RunError> {
+    pub(crate) fn lossless(
+        rate: Option<f64>,
+        bus: &Bus,
+        pipeline: Option<&Pipeline>,
+    ) -> Result<Self, RunError> {
         Ok(Self::Acknowledged(Box::new(Acks::open(bus, pipeline)?), rate.map(Clockwork::new)))
     }
 
@@ -78,7 +82,9 @@ impl Pace {
     pub(crate) fn linger(&mut self, scans: u64, bus: &Bus, reporter: &mut Reporter) -> Result<(), RunError> {
         match self {
             Self::RealTime(_) => sleep_until(i64::MAX, bus, reporter).map(|_| ()),
-            Self::Acknowledged(acks, _) => acks.wait_for(scans.checked_sub(1), true, bus, reporter).map(|_| ()),
+            Self::Acknowledged(acks, _) => {
+                acks.wait_for(scans.checked_sub(1), true, bus, reporter).map(|_| ())
+            }
         }
     }
 }
