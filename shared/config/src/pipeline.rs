@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{ConfigError, Rig};
+use crate::{ConfigError, Rig, Scheduling, Supervision};
 
 /// Letters of a stage's name: what a health frame has room for, with its final zero.
 const LONGEST_NAME: usize = 23;
@@ -37,6 +37,9 @@ pub struct Pipeline {
     /// Where the sensors sit.
     #[serde(default)]
     pub rig: Rig,
+    /// What counts as a hang, and where journals are.
+    #[serde(default, skip_serializing_if = "Supervision::is_default")]
+    pub supervision: Supervision,
     /// The stages.
     #[serde(default, rename = "stage")]
     pub stages: Vec<StageEntry>,
@@ -54,6 +57,9 @@ pub struct StageEntry {
     /// Another executable that keeps the contract, with its first arguments; evac's own where it is absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<Vec<PathBuf>>,
+    /// How the kernel schedules it; as any process where it is absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scheduling: Option<Scheduling>,
     /// Its configuration.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub config: toml::Table,
@@ -62,7 +68,7 @@ pub struct StageEntry {
 impl StageEntry {
     /// A stage of evac's own with default configuration.
     pub fn of_kind(kind: &str) -> Self {
-        Self { kind: kind.to_owned(), name: None, run: None, config: toml::Table::new() }
+        Self { kind: kind.to_owned(), name: None, run: None, scheduling: None, config: toml::Table::new() }
     }
 
     /// Name of this instance.
@@ -113,6 +119,7 @@ impl Pipeline {
             return Err(format!("rate = {rate} must be above 0 and at most 1000"));
         }
         self.rig.check()?;
+        self.supervision.check()?;
         for (i, stage) in self.stages.iter().enumerate() {
             let name = stage.name();
             if name.is_empty()
@@ -130,6 +137,9 @@ impl Pipeline {
             }
             if stage.run.as_ref().is_some_and(Vec::is_empty) {
                 return Err(format!("stage '{name}': run = [] names no executable"));
+            }
+            if let Some(scheduling) = &stage.scheduling {
+                scheduling.check().map_err(|cause| format!("stage '{name}': {cause}"))?;
             }
         }
         Ok(())
@@ -168,6 +178,10 @@ mod tests {
             ("[[stage]]\nkind = \"a b\"", "letters"),
             ("[[stage]]\nkind = \"lio\"\nrun = []", "executable"),
             ("[rig.imu_from_lidar]\ntranslation_m = [nan, 0.0, 0.0]", "finite"),
+            ("[supervision]\nhang_after_frames = 1", "hang_after_frames"),
+            ("[supervision]\njournal_max_mib = nan", "journal_max_mib"),
+            ("[[stage]]\nkind = \"lio\"\n[stage.scheduling]\nfifo_priority = 100", "fifo_priority"),
+            ("[[stage]]\nkind = \"lio\"\n[stage.scheduling]\ncpus = [0, 5000]", "5000"),
             ("[rig.imu_from_lidar]\nroll_pitch_yaw_deg = [0.0, 0.0, 400.0]", "360"),
         ] {
             let error = parse(text).unwrap_err().to_string();

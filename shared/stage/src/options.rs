@@ -99,7 +99,9 @@ impl Context {
     pub(crate) fn with_config<C: StageConfig>(&self, config: &C) -> Result<String, RunError> {
         let config = toml::Table::try_from(config).map_err(unprintable)?;
         let stages = vec![StageEntry { config, ..self.entry.clone() }];
-        let pipeline = Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, stages };
+        let supervision = evac_config::Supervision::default();
+        let pipeline =
+            Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, supervision, stages };
         toml::to_string(&pipeline).map_err(unprintable)
     }
 
