@@ -21,6 +21,8 @@ pub(crate) struct Child {
     pub(crate) ended: Option<ExitStatus>,
     /// It has reported itself, and was told the routes then.
     pub(crate) greeted: bool,
+    /// Why it was killed, where it hung.
+    pub(crate) hung: Option<String>,
 }
 
 /// How a child is started.
@@ -65,7 +67,7 @@ impl Child {
         })?;
         tracing::debug!(stage = entry.name(), epoch, pid = process.id(), "started");
         ring_at_end(process.id(), around.ringer.clone());
-        Ok(Self { name: entry.name().to_owned(), epoch, process, ended: None, greeted: false })
+        Ok(Self { name: entry.name().to_owned(), epoch, process, ended: None, greeted: false, hung: None })
     }
 
     pub(crate) fn pid(&self) -> u32 {
@@ -105,6 +107,9 @@ impl Child {
     /// Why it ended, if not as it should.
     pub(crate) fn failure(&self) -> LaunchError {
         use std::os::unix::process::ExitStatusExt as _;
+        if let Some(reason) = &self.hung {
+            return LaunchError::Silent(reason.clone());
+        }
         let status = self.ended.unwrap_or_default();
         match status.code() {
             Some(code @ 1..=5) => {

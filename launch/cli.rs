@@ -148,9 +148,8 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
-    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
-    #[arg(long, conflicts_with = "record")]
-    pub(crate) devices: bool,
+    #[command(flatten)]
+    pub(crate) devices: crate::devices::DevicesArgs,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres

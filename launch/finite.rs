@@ -25,8 +25,9 @@ const MAP: &str = include_str!("pipelines/map.toml");
 /// `evac demo`.
 pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     start_logging(&args.log);
-    let mut pipeline = match args.devices {
-        true => devices::pipeline(&args.output)?,
+    let with_devices = args.devices.devices;
+    let mut pipeline = match with_devices {
+        true => devices::pipeline(&args.output, &args.devices)?,
         false => Pipeline::parse(Path::new("demo.toml"), DEMO)?,
     };
     if args.real_time {
@@ -36,7 +37,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     let world = Value::try_from(args.world)
         .map_err(|cause| LaunchError::Path(format!("--world {:?}: {cause}", args.world)))?;
     let about = format!("simulated {}, seed {}", world.as_str().unwrap_or_default(), args.seed);
-    let mut set_walk = |key: &str, value: Value| match args.devices {
+    let mut set_walk = |key: &str, value: Value| match with_devices {
         true => devices::set_walk(&mut pipeline, key, value),
         false => set(&mut pipeline, "simulator", key, value),
     };
@@ -54,7 +55,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         create_folder(folder)?;
         set_walk("record", path_value(folder)?);
     }
-    let ends_with = args.devices.then_some(devices::SIMULATOR);
+    let ends_with = with_devices.then_some(devices::SIMULATOR);
     let run = Run { command: "demo", output: &args.output, truth: None, about, ends_with };
     run_to_the_end(pipeline, &Domain::new(&args.domain)?, args.resolution, &args.log, &run)
 }
@@ -73,7 +74,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
         existing(truth)?;
     }
     if let Some(rate) = args.rate {
-        (pipeline.mode, pipeline.rate) = (Mode::Live, rate);
+        (pipeline.mode, pipeline.rate) = (Mode::Live, Some(rate));
     }
     let own = format!("map-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;

@@ -41,6 +41,8 @@ pub(crate) struct Kind {
     pub(crate) reads: &'static [&'static str],
     /// Services it writes.
     pub(crate) writes: &'static [&'static str],
+    /// Those of them that it writes as it is configured.
+    pub(crate) writes_as: fn(&StageEntry) -> &'static [&'static str],
     /// Checks its configuration.
     pub(crate) check: fn(&StageEntry) -> Result<(), String>,
     run: fn(&RunOptions) -> Result<(), RunError>,
@@ -48,6 +50,9 @@ pub(crate) struct Kind {
 
 /// Kinds of which a pipeline has one: they say where the LiDAR is.
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
+
+/// What a source writes, whichever.
+const SOURCE_SERVICES: &[&str] = &["lidar/scan", "imu/sample", "truth/pose"];
 
 /// All kinds, in the order in which data flows.
 pub(crate) fn kinds() -> [Kind; 12] {
@@ -96,6 +101,7 @@ where
         role,
         reads: J::SERVICES,
         writes: S::Output::SERVICES,
+        writes_as: |_| S::Output::SERVICES,
         check: check::<S::Config>,
         run: run_one::<S, J>,
     }
@@ -106,7 +112,8 @@ fn source<S: Source>() -> Kind {
         name: S::NAME,
         role: Role::Producer,
         reads: &[],
-        writes: &["lidar/scan", "imu/sample", "truth/pose"],
+        writes: SOURCE_SERVICES,
+        writes_as: |_| SOURCE_SERVICES,
         check: check::<S::Config>,
         run: run_source::<S>,
     }
@@ -118,6 +125,7 @@ fn device<D: Device>() -> Kind {
         role: Role::Producer,
         reads: &[],
         writes: D::Output::SERVICES,
+        writes_as: |entry| entry.typed_config().map_or(D::Output::SERVICES, |config| D::services(&config)),
         check: check::<D::Config>,
         run: run_device::<D>,
     }

@@ -392,6 +392,11 @@ impl Operation {
         self.entry.name() == name && (self.epoch == epoch || old == Some(epoch))
     }
 
+    /// Whether a stage of that name is between two instances.
+    pub(crate) fn cuts(&self, name: &str) -> bool {
+        self.entry.name() == name && matches!(self.phase, Phase::HandOver { .. } | Phase::TakeOver { .. })
+    }
+
     fn outcome(&self, from_seq: Option<u64>, handover_ms: Option<f64>) -> Outcome {
         Outcome {
             stage: self.entry.name().to_owned(),

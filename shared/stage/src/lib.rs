@@ -22,6 +22,7 @@ mod gate;
 mod health;
 mod input;
 pub mod joins;
+mod lidar_output;
 mod logging;
 mod options;
 mod output;
@@ -42,6 +43,7 @@ pub use exit::{RunError, exit_code};
 pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
+pub use lidar_output::LidarOutput;
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
 pub use output::{

@@ -50,7 +50,7 @@ pub(crate) struct Context {
     pub(crate) domain: Domain,
     pub(crate) epoch: u32,
     pub(crate) mode: Mode,
-    pub(crate) rate: f64,
+    pub(crate) rate: Option<f64>,
     pub(crate) rig: Rig,
     pub(crate) pipeline: Option<Pipeline>,
     entry: StageEntry,
@@ -76,7 +76,7 @@ impl RunOptions {
             domain: Domain::new(domain.unwrap_or(Domain::DEFAULT))?,
             epoch: self.epoch,
             mode: pipeline.as_ref().map_or(Mode::Live, |p| p.mode),
-            rate: pipeline.as_ref().map_or(1.0, |p| p.rate),
+            rate: pipeline.as_ref().and_then(|p| p.rate),
             rig: pipeline.as_ref().map_or_else(Rig::default, |p| p.rig),
             pipeline,
             entry,
@@ -102,7 +102,9 @@ impl Context {
     pub(crate) fn with_config<C: StageConfig>(&self, config: &C) -> Result<String, RunError> {
         let config = toml::Table::try_from(config).map_err(unprintable)?;
         let stages = vec![StageEntry { config, ..self.entry.clone() }];
-        let pipeline = Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, stages };
+        let supervision = evac_config::Supervision::default();
+        let pipeline =
+            Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, supervision, stages };
         toml::to_string(&pipeline).map_err(unprintable)
     }
 

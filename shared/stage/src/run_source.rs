@@ -32,7 +32,7 @@ pub fn run_source<S: Source>(options: &RunOptions) -> Result<(), RunError> {
     reporter.expect(source.total_scans());
     let pace = match context.mode {
         Mode::Live => Pace::real_time(context.rate),
-        Mode::Lossless => Pace::lossless(&bus, context.pipeline.as_ref())?,
+        Mode::Lossless => Pace::lossless(context.rate, &bus, context.pipeline.as_ref())?,
     };
     let outputs = Outputs::open(&bus, &context)?;
     let mut running = Running { source, outputs, reporter, pace, bus: &bus, incomplete: 0 };

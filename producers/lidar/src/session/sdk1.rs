@@ -38,6 +38,8 @@ pub(crate) struct Sdk1 {
     wanted: Option<Ipv4Addr>,
     serial: Option<String>,
     return_mode: Option<livox_sdk1::ReturnMode>,
+    /// Whether samples of the device's own IMU are wanted.
+    imu: bool,
     peer: Option<SocketAddrV4>,
     sequence: u16,
     /// The command under way: when it was sent, how often, and its number.
@@ -61,6 +63,7 @@ impl Sdk1 {
                 ReturnMode::Dual => livox_sdk1::ReturnMode::Dual,
                 ReturnMode::Triple => livox_sdk1::ReturnMode::Triple,
             }),
+            imu: config.publish_imu,
             peer: None,
             sequence: 0,
             sent: None,
@@ -194,7 +197,7 @@ impl Sdk1 {
                 Step::ReturnMode => {
                     Request::SetReturnMode(self.return_mode.unwrap_or(livox_sdk1::ReturnMode::First))
                 }
-                Step::Imu => Request::SetImu(true),
+                Step::Imu => Request::SetImu(self.imu),
                 Step::Start => Request::Sampling(true),
             }),
         }
@@ -237,6 +240,7 @@ impl Sdk1 {
                 Step::DeviceInfo | Step::Extrinsic => "a question",
                 Step::Cartesian => "Cartesian points",
                 Step::ReturnMode => "the return mode",
+                Step::Imu if self.imu => "IMU samples",
                 // A Mid-40 has no IMU: nothing to complain of.
                 Step::Imu => "",
                 Step::Start => "to start",

@@ -29,6 +29,8 @@ pub(crate) struct Sdk2 {
     host: Host,
     wanted: Option<Ipv4Addr>,
     serial: Option<String>,
+    /// Whether samples of the device's own IMU are wanted.
+    imu: bool,
     /// Where commands go.
     peer: Option<SocketAddrV4>,
     device_type: u8,
@@ -49,6 +51,7 @@ impl Sdk2 {
             host,
             wanted: config.device,
             serial: config.serial.clone(),
+            imu: config.publish_imu,
             peer: None,
             device_type: 0,
             sequence: 0,
@@ -145,8 +148,10 @@ impl Sdk2 {
         }
         match (self.view.phase, state) {
             (Phase::Starting, WorkState::Sampling) => self.sampling(now_ns),
-            (Phase::Sampling, WorkState::SelfCheck | WorkState::MotorStart) => self.lose(Lost::Ended),
-            (Phase::Sampling, WorkState::Idle | WorkState::Ready | WorkState::Sleep) => self.configure(),
+            // It was switched off and on between two questions, or another host has told it something else.
+            (Phase::Sampling, state) if state != WorkState::Sampling && state != WorkState::Error => {
+                self.lose(Lost::Ended);
+            }
             _ => {}
         }
     }
@@ -171,6 +176,10 @@ impl Sdk2 {
                 Step::Imu
             }
             (Step::Cartesian, false) => Step::Imu,
+            (Step::Imu, true) if self.imu => {
+                self.refused("IMU samples", reply.return_code, now_ns);
+                Step::Start
+            }
             // Not each device has an IMU.
             (Step::Imu, _) => Step::Start,
             (Step::Start, true) => {
@@ -250,7 +259,7 @@ impl Sdk2 {
                 list.put(key::IMU_HOST, &to(self.host.data_port, imu));
             }
             Step::Cartesian => list.put(key::POINT_DATA_TYPE, &[DataType::Cartesian32 as u8]),
-            Step::Imu => list.put(key::IMU_ENABLED, &[1]),
+            Step::Imu => list.put(key::IMU_ENABLED, &[u8::from(self.imu)]),
             Step::Start => list.put(key::WORK_TARGET, &[WorkState::Sampling as u8]),
         }
         let number = self.send(command::WRITE_PARAMETERS, Channel::Command, peer, out);

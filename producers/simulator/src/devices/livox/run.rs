@@ -15,8 +15,8 @@ use super::scene::Scene;
 use super::sdk1::Sdk1;
 use super::sdk2::Sdk2;
 use super::sender::Sender;
-use crate::FRAME_NS;
 use crate::devices::now_ns;
+use crate::{FRAME_NS, SAMPLE_NS};
 
 /// Port of a device of the first protocol for commands.
 const SDK1_COMMAND: u16 = 65000;
@@ -41,6 +41,8 @@ pub struct Sent {
     pub packets: u64,
     /// Data packets that faults have swallowed.
     pub swallowed: u64,
+    /// Samples of its own IMU, and those that faults have swallowed.
+    pub samples: [u64; 2],
 }
 
 #[derive(Debug)]
@@ -54,6 +56,7 @@ struct Shared {
     began_ns: AtomicI64,
     packets: AtomicU64,
     swallowed: AtomicU64,
+    samples: [AtomicU64; 2],
 }
 
 impl LivoxDevice {
@@ -70,6 +73,7 @@ impl LivoxDevice {
             began_ns: AtomicI64::new(0),
             packets: AtomicU64::new(0),
             swallowed: AtomicU64::new(0),
+            samples: [const { AtomicU64::new(0) }; 2],
         });
         let sockets = Sockets::open(&config)?;
         let running = Running::new(&config, sockets, scene, Arc::clone(&shared));
@@ -84,7 +88,12 @@ impl LivoxDevice {
 
     /// Switches the power off, and on again after some time.
     pub fn power_cycle(&self, off: Duration) {
-        self.shared.off_until_ns.store(now_ns() + off.as_nanos() as i64, Ordering::Relaxed);
+        self.power_off_until(now_ns() + off.as_nanos() as i64);
+    }
+
+    /// Switches the power off until then, nanoseconds of the host's monotonic clock.
+    pub fn power_off_until(&self, until_ns: i64) {
+        self.shared.off_until_ns.store(until_ns, Ordering::Relaxed);
     }
 
     /// Lets the clock follow another source.
@@ -102,6 +111,7 @@ impl LivoxDevice {
         Sent {
             packets: self.shared.packets.load(Ordering::Relaxed),
             swallowed: self.shared.swallowed.load(Ordering::Relaxed),
+            samples: [0, 1].map(|i| self.shared.samples[i].load(Ordering::Relaxed)),
         }
     }
 }
@@ -121,6 +131,8 @@ struct Sockets {
     /// Searches of the second protocol.
     search: Option<UdpSocket>,
     points: UdpSocket,
+    /// IMU samples of the second protocol; the first sends them with the points.
+    samples: Option<UdpSocket>,
 }
 
 impl Sockets {
@@ -135,12 +147,14 @@ impl Sockets {
         };
         Ok(match config.protocol {
             LivoxProtocol::Sdk1 => {
-                Self { command: open(SDK1_COMMAND)?, search: None, points: open(SDK1_POINTS)? }
+                let (command, points) = (open(SDK1_COMMAND)?, open(SDK1_POINTS)?);
+                Self { command, search: None, points, samples: None }
             }
             LivoxProtocol::Sdk2 => Self {
                 command: open(ports::COMMAND)?,
                 search: Some(open(ports::SEARCH)?),
                 points: open(ports::POINTS)?,
+                samples: Some(open(ports::IMU)?),
             },
         })
     }
@@ -156,10 +170,13 @@ struct Running {
     sockets: Sockets,
     sender: Sender,
     faulty: Faulty,
+    faulty_samples: Faulty,
     shared: Arc<Shared>,
     powered_ns: i64,
     /// While it measures: host time and number of the next shot.
     next: Option<(i64, u64)>,
+    /// Number of the next sample.
+    next_sample: u64,
     packet: Vec<u8>,
     /// The scene has ended.
     is_over: bool,
@@ -176,9 +193,11 @@ impl Running {
             sockets,
             sender: Sender::new(config, scene),
             faulty: Faulty::new(1),
+            faulty_samples: Faulty::new(2),
             shared,
             powered_ns: now,
             next: None,
+            next_sample: 0,
             packet: Vec::new(),
             is_over: false,
         }
@@ -251,10 +270,9 @@ impl Running {
         let (mut next_ns, mut shot) = self.next.unwrap_or_else(|| self.begin(now));
         let (packet_ns, packet_shots) = (self.sender.packet_ns(), self.sender.packet_shots() as u64);
         while next_ns + packet_ns <= now {
+            self.samples(next_ns + packet_ns, now, faults);
             if now - next_ns < BACKLOG_NS {
-                let step_ns = (faults.clock_step_ms * 1e6) as i64;
-                let power_on_ns = (next_ns - self.powered_ns + step_ns).max(0);
-                let utc_ns = next_ns + utc_ahead_ns() + step_ns;
+                let (power_on_ns, utc_ns) = self.clocks(next_ns, faults);
                 if !self.sender.packet(shot, power_on_ns, utc_ns, &mut self.packet) {
                     self.is_over = true;
                     break;
@@ -271,7 +289,44 @@ impl Running {
             next_ns += packet_ns;
             shot += packet_shots;
         }
+        self.samples(now, now, faults);
         self.next = Some((next_ns, shot));
+    }
+
+    /// Sends every sample of the device's own IMU that is measured up to `until_ns`.
+    fn samples(&mut self, until_ns: i64, now: i64, faults: &Faults) {
+        let target = match &self.mind {
+            Mind::Sdk1(mind) => mind.imu_target(),
+            Mind::Sdk2(mind) => mind.imu_target(now),
+        };
+        let began = self.shared.began_ns.load(Ordering::Relaxed);
+        loop {
+            let due_ns = began + self.next_sample as i64 * SAMPLE_NS;
+            if due_ns > until_ns {
+                return;
+            }
+            let number = self.next_sample;
+            self.next_sample += 1;
+            let Some(target) = target.filter(|_| now - due_ns < BACKLOG_NS) else { continue };
+            let (power_on_ns, utc_ns) = self.clocks(due_ns, faults);
+            if !self.sender.sample(number, power_on_ns, utc_ns, &mut self.packet) {
+                return;
+            }
+            let socket = self.sockets.samples.as_ref().unwrap_or(&self.sockets.points);
+            let lost = if faults.cable_out {
+                1
+            } else {
+                self.faulty_samples.send(faults, &mut self.packet, |bytes| say(socket, target, bytes))
+            };
+            self.shared.samples[0].fetch_add(1, Ordering::Relaxed);
+            self.shared.samples[1].fetch_add(lost, Ordering::Relaxed);
+        }
+    }
+
+    /// What the device's clock shows at a host time: since power-on, and UTC.
+    fn clocks(&self, host_ns: i64, faults: &Faults) -> (i64, i64) {
+        let step_ns = (faults.clock_step_ms * 1e6) as i64;
+        ((host_ns - self.powered_ns + step_ns).max(0), host_ns + utc_ahead_ns() + step_ns)
     }
 
     /// Measuring begins at a whole tenth of a second of the device's clock, or goes on with the shot that is due by now: the
