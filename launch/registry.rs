@@ -49,6 +49,9 @@ pub(crate) struct Kind {
 /// Kinds of which a pipeline has one: they say where the LiDAR is.
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
+/// Kinds that know their whole stream: rate and step are theirs.
+pub(crate) const SOURCES: [&str; 2] = [Simulator::NAME, Replay::NAME];
+
 /// All kinds, in the order in which data flows.
 pub(crate) fn kinds() -> [Kind; 12] {
     [

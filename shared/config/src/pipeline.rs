@@ -33,6 +33,9 @@ pub struct Pipeline {
     /// Speed of a recording or the simulator in live mode: 1 is real time, 2 twice as fast.
     #[serde(default = "real_time")]
     pub rate: f64,
+    /// A recording or the simulator waits before each scan for a line on standard input.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub step: bool,
     /// Where the sensors sit.
     #[serde(default)]
     pub rig: Rig,

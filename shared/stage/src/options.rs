@@ -48,6 +48,7 @@ pub(crate) struct Context {
     pub(crate) epoch: u32,
     pub(crate) mode: Mode,
     pub(crate) rate: f64,
+    pub(crate) step: bool,
     pub(crate) rig: Rig,
     pub(crate) pipeline: Option<Pipeline>,
     entry: StageEntry,
@@ -74,6 +75,7 @@ impl RunOptions {
             epoch: self.epoch,
             mode: pipeline.as_ref().map_or(Mode::Live, |p| p.mode),
             rate: pipeline.as_ref().map_or(1.0, |p| p.rate),
+            step: pipeline.as_ref().is_some_and(|p| p.step),
             rig: pipeline.as_ref().map_or_else(Rig::default, |p| p.rig),
             pipeline,
             entry,
@@ -99,7 +101,8 @@ impl Context {
     pub(crate) fn with_config<C: StageConfig>(&self, config: &C) -> Result<String, RunError> {
         let config = toml::Table::try_from(config).map_err(unprintable)?;
         let stages = vec![StageEntry { config, ..self.entry.clone() }];
-        let pipeline = Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, stages };
+        let (mode, rate, step, rig) = (self.mode, self.rate, self.step, self.rig);
+        let pipeline = Pipeline { domain: None, mode, rate, step, rig, stages };
         toml::to_string(&pipeline).map_err(unprintable)
     }
 
