@@ -69,7 +69,7 @@ impl HealthBoard {
 
 /// Whether an instance processes frames, as far as it says.
 pub(crate) fn leads(health: &Health) -> bool {
-    let others = [StageState::Following, StageState::Ready, StageState::Retired];
+    let others = [StageState::Following, StageState::Ready, StageState::Retired, StageState::Shadow];
     others.iter().all(|state| *state as u32 != health.state)
 }
 
@@ -88,6 +88,8 @@ pub(crate) fn state_word(health: &Health) -> &'static str {
         "standby"
     } else if state(StageState::Retired) {
         "retired"
+    } else if state(StageState::Shadow) {
+        "shadow"
     } else {
         "failed"
     }

@@ -4,6 +4,7 @@ mod calibrate;
 mod check;
 mod child;
 mod cli;
+mod compare;
 mod control;
 mod convert;
 mod cpu;
@@ -16,10 +17,13 @@ mod eval;
 mod experiment;
 mod finite;
 mod health_board;
+mod incidents;
 mod live;
 mod progress;
+mod pulse;
 mod registry;
 mod restart;
+mod shadow;
 mod slot;
 mod status;
 mod summary;
@@ -56,6 +60,9 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Down(args) => live::down(&args),
         Command::Swap(args) => control::swap(&args),
         Command::Standby(args) => control::standby(&args),
+        Command::Shadow(args) => control::shadow(&args),
+        Command::Promote(args) => control::promote(&args),
+        Command::Compare(args) => compare::compare(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
         Command::Doctor(args) => doctor::doctor(&args),

@@ -13,6 +13,7 @@ use crate::cli::{DomainArgs, StatusArgs};
 use crate::device_health::device_line;
 use crate::error::LaunchError;
 use crate::health_board::{HealthBoard, age_s, as_json, odometry_line, state_word};
+use crate::incidents::Incidents;
 
 /// Every stage reports once a second.
 const PATIENCE: Duration = Duration::from_millis(1300);
@@ -47,27 +48,37 @@ pub(crate) fn status(args: &StatusArgs) -> Result<(), LaunchError> {
             _ => ControlFlow::Break(Ok(())),
         },
     })??;
+    let incidents = Incidents::read(&domain);
     if args.json {
         let stages: Map<String, Value> = board
             .all()
-            .map(|(name, health)| (name.to_owned(), with_standbys(&board, name, health)))
+            .map(|(name, health)| (name.to_owned(), with_standbys(&board, name, health, &incidents)))
             .collect();
-        println!("{:#}", json!({ "domain": domain.name(), "launcher_pid": launcher, "stages": stages }));
+        println!(
+            "{:#}",
+            json!({
+                "domain": domain.name(),
+                "launcher_pid": launcher,
+                "stages": stages,
+                "incidents": incidents.newest,
+            })
+        );
     } else {
-        print_table(&domain, launcher, &board);
+        print_table(&domain, launcher, &board, &incidents);
     }
     Ok(())
 }
 
 /// The instance that leads, and beside it those that do not.
-fn with_standbys(board: &HealthBoard, name: &str, health: &Health) -> Value {
+fn with_standbys(board: &HealthBoard, name: &str, health: &Health, incidents: &Incidents) -> Value {
     let mut json = as_json(health);
     let others = board.instances(name).filter(|other| other.epoch != health.epoch);
+    json["deaths"] = incidents.of_stage(name).count().into();
     json["standbys"] = others.map(as_json).collect();
     json
 }
 
-fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard) {
+fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard, incidents: &Incidents) {
     println!(
         "domain {}, launcher pid {launcher}; latencies in ms since the start: p50/p99/max",
         domain.name()
@@ -118,6 +129,11 @@ fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard) {
         let reason = evac_frames::Health::text_of(&health.reason);
         if !reason.is_empty() {
             println!("{:<16} {reason}", "");
+        }
+        if let Some(incident) = incidents.of_stage(&Health::text_of(&health.name)).next_back()
+            && health.epoch > incident.epoch
+        {
+            println!("{:<16} {}; {}", "", incident.cause, incident.outcome());
         }
     }
 }

@@ -212,26 +212,44 @@ impl Imu {
             let Some(byte) = self.buffer.get(at).copied() else { continue };
             // So many bytes came after it, each of which took its time.
             let came_ns = now - (count - 1 - at) as i64 * byte_ns;
-            let sample = match self.poller {
-                Some(_) => self.hear_answer(byte, now),
-                None => self.hear_frame(byte, came_ns, now, output)?,
-            };
-            let Some(sample) = sample else { continue };
-            reporter.begin();
-            let sent = output.publish(&sample)?;
-            self.published += 1;
-            let header = FrameHeader {
-                seq: sent.seq,
-                start_ns: sent.stamp_ns,
-                end_ns: sent.stamp_ns,
-                arrival_ns: now,
-                sent_ns: sent.sent_ns,
-                ..FrameHeader::default()
-            };
-            reporter.done(&header, now);
-            self.rest.push(sample.gyro, sample.accel);
-            self.last_sample = Some(sent);
+            if self.poller.is_some() {
+                if let Some(sample) = self.hear_answer(byte, now) {
+                    self.publish(sample, now, output, reporter)?;
+                }
+                continue;
+            }
+            self.hear_frame(byte, came_ns, now, output)?;
+            while let Some((sample, attitude)) = self.sampler.pop() {
+                self.publish(sample, now, output, reporter)?;
+                if let Some(attitude) = attitude {
+                    output.publish_attitude(&attitude)?;
+                }
+            }
         }
+        Ok(())
+    }
+
+    fn publish(
+        &mut self,
+        sample: ImuSample,
+        now: i64,
+        output: &mut ImuOutput,
+        reporter: &mut Reporter,
+    ) -> Result<(), StageError> {
+        reporter.begin();
+        let sent = output.publish(&sample)?;
+        self.published += 1;
+        let header = FrameHeader {
+            seq: sent.seq,
+            start_ns: sent.stamp_ns,
+            end_ns: sent.stamp_ns,
+            arrival_ns: now,
+            sent_ns: sent.sent_ns,
+            ..FrameHeader::default()
+        };
+        reporter.done(&header, now);
+        self.rest.push(sample.stamp_ns, sample.gyro, sample.accel);
+        self.last_sample = Some(sent);
         Ok(())
     }
 
@@ -242,20 +260,21 @@ impl Imu {
         came_ns: i64,
         now: i64,
         output: &mut ImuOutput,
-    ) -> Result<Option<ImuSample>, StageError> {
-        let Some(frame) = self.parser.push(byte) else { return Ok(None) };
+    ) -> Result<(), StageError> {
+        let Some(frame) = self.parser.push(byte) else { return Ok(()) };
         self.session.heard(&frame, now);
         if frame.id == id::ACCEL {
             self.temperature_centi = i32::from(frame.words()[3]);
         }
         if self.session.phase() != Phase::Streaming {
-            return Ok(None);
+            return Ok(());
         }
         self.follow(now);
         if let Some(attitude) = self.sampler.push_other(&frame) {
             output.publish_attitude(&attitude)?;
         }
-        Ok(self.sampler.push(&frame, came_ns, now))
+        self.sampler.push(&frame, came_ns, now);
+        Ok(())
     }
 
     /// A byte of a module that is asked.
@@ -328,6 +347,8 @@ impl Imu {
             jitter_ms: quality.roughness_ns * 1e-6,
             drift_ppm: quality.drift_ppm,
             finding: self.rest.finding,
+            gyro: self.rest.gyro(),
+            gyro_range_dps: self.config.gyro_range_dps,
             zeroed: self.rest.zeroed,
             latency_timer_ms: self.link.as_ref().and_then(|link| link.latency_timer_ms),
             unplugged: self.unplugged,

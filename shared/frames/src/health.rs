@@ -21,6 +21,8 @@ pub enum StageState {
     Ready = 5,
     /// Has handed over to another instance: [`Health::last_seq`] is the last frame it has dealt with, or [`NO_SEQ`].
     Retired = 6,
+    /// Processes beside the routed instance, and nobody listens to it.
+    Shadow = 7,
 }
 
 /// In the place of a sequence number: there was no frame.

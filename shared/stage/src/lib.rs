@@ -33,6 +33,7 @@ mod run_source;
 mod run_stage;
 mod source;
 mod stage;
+mod step;
 mod tracking;
 
 pub use check::check_range;
