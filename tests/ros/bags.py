@@ -2,6 +2,7 @@
 
     bags.py write FOLDER        walk.bag, mcap/ and db3/ with the same messages, as rosbags writes them
     bags.py read FILE.mcap      what all three libraries find in a recording, as JSON
+    bags.py stream FILE.mcap    messages of a whole recording, which may have no index
     bags.py salvage FILE.mcap   messages of a recording that was cut off, up to where it ends
 """
 
@@ -149,5 +150,10 @@ def salvage(path):
     print(count)
 
 
+def stream(path):
+    with open(path, "rb") as file:
+        print(sum(1 for _ in make_reader(file).iter_messages()))
+
+
 if __name__ == "__main__":
-    {"write": write, "read": read, "salvage": salvage}[sys.argv[1]](Path(sys.argv[2]))
+    {"write": write, "read": read, "salvage": salvage, "stream": stream}[sys.argv[1]](Path(sys.argv[2]))
