@@ -1,5 +1,7 @@
 //! A part of a recording is the same scans and IMU samples as in the whole, whatever the format.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 mod common;
 
 use common::{Told, bag, tell, walk};
