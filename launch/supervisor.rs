@@ -15,7 +15,7 @@ use evac_stage::LogOptions;
 use rustix::process::Signal;
 
 use crate::child::{Child, Surroundings};
-use crate::control::Server;
+use crate::control::{Order, Server};
 use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
 use crate::registry::Role;
@@ -152,7 +152,11 @@ impl Supervisor {
             child.look()?;
         }
         self.greet()?;
-        while let Some((request, reply)) = self.control.next() {
+        while let Some((request, mut reply)) = self.control.next() {
+            if request.order == Order::Stages {
+                reply.stages(self.stage_words());
+                continue;
+            }
             self.take_request(&request, reply);
         }
         self.operate()?;
@@ -213,6 +217,7 @@ impl Supervisor {
                 self.board.lead(&name, epoch);
             } else if self.plan_restart(index, (&name, old))? {
                 tracing::warn!(stage = name, %cause, "is started again");
+                self.slots.iter_mut().skip(index).take(1).for_each(|slot| slot.restarts += 1);
                 self.end(&name, old)?;
             }
         }

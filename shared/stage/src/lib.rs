@@ -32,6 +32,7 @@ mod run_source;
 mod run_stage;
 mod source;
 mod stage;
+mod tracer;
 mod tracking;
 
 pub use check::check_range;
@@ -42,7 +43,7 @@ pub use exit::{RunError, exit_code};
 pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
-pub use logging::{LogOptions, start_logging};
+pub use logging::{Format as LogFormat, LogOptions, say_failure, start_logging};
 pub use options::RunOptions;
 pub use output::{
     GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, RawScanOutput, ScanOutput, StageOutput,
