@@ -15,7 +15,7 @@ use evac_stage::LogOptions;
 use rustix::process::Signal;
 
 use crate::child::{Child, Surroundings};
-use crate::control::Server;
+use crate::control::{Order, Server};
 use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
 use crate::incidents::{Incident, Incidents};
@@ -170,7 +170,11 @@ impl Supervisor {
         }
         self.greet()?;
         self.feel_pulse()?;
-        while let Some((request, reply)) = self.control.next() {
+        while let Some((request, mut reply)) = self.control.next() {
+            if request.order == Order::Stages {
+                reply.stages(self.stage_words());
+                continue;
+            }
             self.take_request(&request, reply);
         }
         self.operate()?;
@@ -279,6 +283,7 @@ impl Supervisor {
             } else if self.plan_restart(index, (&name, old))? {
                 self.note_death(index, &cause, false);
                 tracing::warn!(stage = name, %cause, "is started again");
+                self.slots.iter_mut().skip(index).take(1).for_each(|slot| slot.restarts += 1);
                 self.end(&name, old)?;
             }
         }

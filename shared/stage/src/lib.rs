@@ -34,6 +34,7 @@ mod run_stage;
 mod source;
 mod stage;
 mod step;
+mod tracer;
 mod tracking;
 
 pub use check::check_range;
@@ -45,7 +46,7 @@ pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
 pub use lidar_output::LidarOutput;
-pub use logging::{LogOptions, start_logging};
+pub use logging::{Format as LogFormat, LogOptions, say_failure, start_logging};
 pub use options::RunOptions;
 pub use output::{
     GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, RawScanOutput, ScanOutput, StageOutput,

@@ -15,6 +15,7 @@ use crate::follow::{Followed, Follower};
 use crate::joins::{Join, JoinOptions};
 use crate::options::Context;
 use crate::role::{Order, Orders, Promotion, Role, Standby};
+use crate::tracer::Tracer;
 use crate::{
     Readiness, Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, State, exit_code,
     start_logging,
@@ -125,8 +126,10 @@ where
         Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
         None => None,
     };
+    let tracer = Tracer::open(&bus, &context.name, context.epoch)?;
     // Last, because it says that everything is open.
-    let reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
+    let mut reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
+    reporter.tracer = Some(tracer);
     let orders = Orders::new(&context.name, context.epoch);
     let mut running = Running {
         stage,
