@@ -5,7 +5,7 @@ use std::path::Path;
 use evac_config::{ConfigError, Pipeline};
 
 use crate::error::LaunchError;
-use crate::registry::{Kind, kind};
+use crate::registry::{Kind, SOURCES, kind};
 
 /// Services that a stage can do without.
 const OPTIONAL: &[&str] = &["odometry/pose", "truth/pose", "map/snapshot"];
@@ -35,6 +35,12 @@ pub(crate) fn read_checked(path: &Path) -> Result<Pipeline, LaunchError> {
 pub(crate) fn check(pipeline: &Pipeline) -> Result<(), String> {
     if pipeline.stages.is_empty() {
         return Err("there is no [[stage]]; start from a file in launch/pipelines".to_owned());
+    }
+    if pipeline.step && !pipeline.stages.iter().any(|stage| SOURCES.contains(&stage.kind.as_str())) {
+        return Err(format!(
+            "step = true needs a stage of kind {}; sensors do not wait",
+            SOURCES.join(" or ")
+        ));
     }
     let mut kinds = Vec::new();
     for entry in &pipeline.stages {

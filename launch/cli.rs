@@ -209,6 +209,9 @@ pub(crate) struct MapArgs {
     /// Run live, this many times faster than it was recorded, instead of lossless and as fast as it goes
     #[arg(long, value_name = "FACTOR")]
     pub(crate) rate: Option<f64>,
+    /// Wait for a line on standard input: an empty one lets the next scan go, a number so many, the end of input the rest
+    #[arg(long)]
+    pub(crate) step: bool,
     /// True trajectory; adds the drift to the summary
     #[arg(long, value_name = "TRUTH.tum")]
     pub(crate) truth: Option<PathBuf>,

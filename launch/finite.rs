@@ -76,6 +76,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
     if let Some(rate) = args.rate {
         (pipeline.mode, pipeline.rate) = (Mode::Live, Some(rate));
     }
+    pipeline.step = args.step;
     let own = format!("map-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
     let run = Run {
@@ -143,29 +144,34 @@ fn run_to_the_end(
 
     let started = Instant::now();
     let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, domain, log)?;
-    let bar = Bar::new(&run.about);
+    // Each step says itself what has gone.
+    let bar = (!pipeline.step).then(|| Bar::new(&run.about));
     let mut frames = 0;
     let mut end = devices::End::of(run.ends_with);
-    let ended = wakeups.wait(|_| match step(&mut supervisor, &bar, &mut frames) {
+    let ended = wakeups.wait(|_| match step(&mut supervisor, bar.as_ref(), &mut frames) {
         Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
         Ok(Progress::Running) if end.has_come(supervisor.board()) => ControlFlow::Break(Ok(())),
         Ok(Progress::Running) => ControlFlow::Continue(Duration::from_millis(100)),
         Ok(Progress::Finished) => ControlFlow::Break(Ok(())),
         Err(error) => ControlFlow::Break(Err(error)),
     })?;
-    bar.end();
+    if let Some(bar) = &bar {
+        bar.end();
+    }
     let cpu = cpu::shares(supervisor.board());
     let stopped = supervisor.stop();
     ended.and(stopped)?;
     summary::write(run, &pipeline, supervisor.board(), &cpu, started.elapsed())
 }
 
-fn step(supervisor: &mut Supervisor, bar: &Bar, frames: &mut u64) -> Result<Progress, LaunchError> {
+fn step(supervisor: &mut Supervisor, bar: Option<&Bar>, frames: &mut u64) -> Result<Progress, LaunchError> {
     let progress = supervisor.watch()?;
     while let Some(ack) = supervisor.take_ack()? {
         *frames = (*frames).max(ack.seq + 1);
     }
-    bar.show(*frames, supervisor.total_scans());
+    if let Some(bar) = bar {
+        bar.show(*frames, supervisor.total_scans());
+    }
     Ok(progress)
 }
 

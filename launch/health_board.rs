@@ -7,6 +7,8 @@ use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, Listener, PortError, RecordSubscriber, now_ns};
 use serde_json::{Value, json};
 
+use crate::device_health::device_json;
+
 /// The newest report of every stage of a domain.
 #[derive(Debug)]
 pub(crate) struct HealthBoard {
@@ -111,6 +113,7 @@ pub(crate) fn as_json(health: &Health) -> Value {
         "last_seq": health.last_seq,
         "latency": latency_json(health),
         "odometry": odometry_json(health),
+        "device": device_json(health),
     })
 }
 

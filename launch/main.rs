@@ -8,6 +8,7 @@ mod compare;
 mod control;
 mod convert;
 mod cpu;
+mod device_health;
 mod devices;
 mod doctor;
 mod drift;

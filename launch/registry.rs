@@ -53,6 +53,8 @@ pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
 
 /// What a source writes, whichever.
 const SOURCE_SERVICES: &[&str] = &["lidar/scan", "imu/sample", "truth/pose"];
+/// Kinds that know their whole stream: rate and step are theirs.
+pub(crate) const SOURCES: [&str; 2] = [Simulator::NAME, Replay::NAME];
 
 /// All kinds, in the order in which data flows.
 pub(crate) fn kinds() -> [Kind; 12] {

@@ -103,7 +103,12 @@ impl Supervisor {
             slots: pipeline.stages.iter().map(Slot::new).collect::<Result<_, _>>()?,
             children: Vec::new(),
             board,
-            around: Surroundings { domain: domain.clone(), log: *log, ringer: bell.ringer() },
+            around: Surroundings {
+                domain: domain.clone(),
+                log: *log,
+                ringer: bell.ringer(),
+                step: pipeline.step,
+            },
             operation: None,
             shadows: Shadows::default(),
             restarts: None,

@@ -21,31 +21,37 @@ fn demo(bench: &Bench, options: &[&str]) -> Value {
     summary
 }
 
-/// On a busy machine packets may get lost or scans be simulated too late, and both are said; then nothing follows for the map.
+/// On a busy machine packets may get lost or scans be simulated or processed too late, and all is said; then nothing follows for the
+/// map.
 #[track_caller]
-fn judge_drift(summary: &Value) {
-    let degraded = |stage: &str| summary["stages"][stage]["frames"]["degraded"].as_u64();
-    if degraded("device_simulator") == Some(0) && degraded("lidar") == Some(0) {
-        assert!(summary["drift"]["end_percent"].as_f64().unwrap() < 2.0, "{}", summary["drift"]);
-    } else {
+fn judge(summary: &Value) {
+    let frames = |stage: &str, key: &str| summary["stages"][stage]["frames"][key].as_u64().unwrap();
+    let disturbed = frames("device_simulator", "degraded")
+        + frames("lidar", "degraded")
+        + frames("lio", "lost")
+        + frames("lio", "late");
+    if disturbed > 0 {
         println!("skipped: the machine was too busy to judge the map: {}", summary["stages"]);
+        return;
     }
+    // The first half second goes into the fit of the LiDAR's clock.
+    let scans = frames("lidar", "out");
+    assert!((120..=146).contains(&scans), "{scans}");
+    assert_eq!(frames("lio", "out"), scans);
+    assert!(summary["drift"]["path_m"].as_f64().unwrap() > 5.0, "{summary}");
+    assert!(summary["drift"]["end_percent"].as_f64().unwrap() < 2.0, "{}", summary["drift"]);
 }
 
 #[test]
 fn a_walk_through_the_drivers_becomes_the_same_map_as_without_them() {
     let bench = Bench::new();
     let summary = demo(&bench, &[]);
-    // The first half second goes into the fit of the LiDAR's clock.
-    let scans = summary["stages"]["lidar"]["frames"]["out"].as_u64().unwrap();
-    assert!((120..=141).contains(&scans), "{scans}");
     assert_eq!(summary["stages"]["device_simulator"]["frames"]["out"], 140);
-    assert!(summary["drift"]["path_m"].as_f64().unwrap() > 5.0, "{summary}");
     for stage in ["device_simulator", "lidar", "imu"] {
         assert!(summary["stages"][stage]["cpu_percent"].as_f64().is_some(), "{stage}");
     }
     assert!(!bench.path("out/wt901c").exists(), "the serial port is unplugged at the end");
-    judge_drift(&summary);
+    judge(&summary);
 }
 
 #[test]
@@ -54,14 +60,30 @@ fn a_walk_is_mapped_with_nothing_but_a_livox_device_that_has_an_imu() {
         let bench = Bench::new();
         let summary = demo(&bench, &["--lidar", lidar]);
         assert!(summary["stages"]["imu"].is_null(), "{lidar}: {}", summary["stages"]);
-        let frames = |stage: &str, key: &str| summary["stages"][stage]["frames"][key].as_u64().unwrap();
-        let scans = frames("lidar", "out");
-        assert!((120..=146).contains(&scans), "{lidar}: {scans}");
-        // Each scan was deskewed by the device's samples, and located.
-        assert_eq!(frames("lio", "out"), scans, "{lidar}");
-        assert!(summary["drift"]["path_m"].as_f64().unwrap() > 5.0, "{lidar}: {summary}");
-        judge_drift(&summary);
+        // Scans were deskewed by the device's samples, and located.
+        assert!(
+            summary["stages"]["lio"]["frames"]["out"].as_u64() > Some(0),
+            "{lidar}: {}",
+            summary["stages"]
+        );
+        judge(&summary);
     }
+}
+
+#[test]
+fn faults_on_request_happen_to_a_walk_that_goes_on_and_the_summary_has_them_all() {
+    let bench = Bench::new();
+    let faults = ["lost=0.05@1+2", "clock-step=500@3", "cable@4+5", "imu-cable@5+1"];
+    let options: Vec<_> = faults.iter().flat_map(|fault| ["--fault", fault]).collect();
+    let summary = demo(&bench, &options);
+    let device = |stage: &str| summary["stages"][stage]["device"].clone();
+    let (lidar, imu) = (device("lidar"), device("imu"));
+    assert_eq!((&lidar["kind"], &imu["kind"]), (&Value::from("livox_sdk1"), &Value::from("wt901c")));
+    let count = |value: &Value| value.as_u64().unwrap();
+    assert!(count(&lidar["packets"]["lost"]) > 20 && count(&lidar["clock_steps"]) >= 1, "{lidar}");
+    assert!(count(&lidar["sessions"]) >= 2 && count(&imu["sessions"]) >= 2, "{lidar} {imu}");
+    assert!(count(&lidar["packets"]["used"]) > 0 && lidar["flags"]["voltage"] == "ok", "{lidar}");
+    bench.run(["demo", "--devices", "--fault", "cable"]).expect_error(2, &["how long"]);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
     bags.py write FOLDER        walk.bag, mcap/ and db3/ with the same messages, as rosbags writes them
     bags.py read FILE.mcap      what all three libraries find in a recording, as JSON
+    bags.py stream FILE.mcap    messages of a whole recording, which may have no index
     bags.py salvage FILE.mcap   messages of a recording that was cut off, up to where it ends
     bags.py octomap FILE DEF    what a serialised octomap_msgs/msg/Octomap says, given its definition
 """
@@ -150,6 +151,11 @@ def salvage(path):
     print(count)
 
 
+def stream(path):
+    with open(path, "rb") as file:
+        print(sum(1 for _ in make_reader(file).iter_messages()))
+
+
 def octomap(path, definition):
     store = get_typestore(Stores.ROS2_HUMBLE)
     name = "octomap_msgs/msg/Octomap"
@@ -163,4 +169,5 @@ def octomap(path, definition):
 
 if __name__ == "__main__":
     command, *paths = sys.argv[1:]
-    {"write": write, "read": read, "salvage": salvage, "octomap": octomap}[command](*map(Path, paths))
+    commands = {"write": write, "read": read, "stream": stream, "salvage": salvage, "octomap": octomap}
+    commands[command](*map(Path, paths))

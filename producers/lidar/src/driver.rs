@@ -2,15 +2,16 @@
 
 use std::time::Duration;
 
+use evac_frames::{DeviceHealth, DeviceKind};
 use evac_stage::{Device, LidarOutput, Reporter, Rig, StageConfig as _, StageError, StageOutput as _};
 use rustix::time::ClockId;
 
 use crate::condition::{Condition, Silence};
 use crate::intake::{Intake, Outlet};
 use crate::receive::{BATCH, nanoseconds};
-use crate::session::{Host, Outbox, Phase, SECOND, Session};
+use crate::session::{Host, Outbox, Phase, SECOND, Session, View};
 use crate::sockets::Sockets;
-use crate::{Config, PacketCounts};
+use crate::{Config, PacketCounts, Protocol};
 
 /// No data for so long is worth saying.
 const QUIET_NS: i64 = SECOND;
@@ -166,7 +167,7 @@ impl Lidar {
     }
 
     /// Counts and says what there is to say, now and then.
-    fn report(&mut self, view: &crate::session::View, now: i64, reporter: &mut Reporter) {
+    fn report(&mut self, view: &View, now: i64, reporter: &mut Reporter) {
         if now - self.described_ns < SECOND / 10 {
             return;
         }
@@ -175,6 +176,7 @@ impl Lidar {
         reporter.counters.late = counts.late;
         reporter.counters.rejected = counts.strangers + counts.damaged;
         reporter.input.imu_lost = counts.imu_lost;
+        reporter.device = device_health(self.config.protocol, view, &counts);
         let is_quiet = |newest_ns: i64| view.phase == Phase::Sampling && now - newest_ns > QUIET_NS;
         let silence = if is_quiet(self.intake.data_ns) {
             Silence::Everything
@@ -185,6 +187,30 @@ impl Lidar {
         };
         self.condition.describe(view, &counts, silence);
         reporter.note(&self.condition.text);
+    }
+}
+
+/// What is known of the device, for health reports.
+fn device_health(protocol: Protocol, view: &View, counts: &PacketCounts) -> DeviceHealth {
+    let kind = match protocol {
+        Protocol::Sdk1 => DeviceKind::LivoxSdk1,
+        Protocol::Sdk2 => DeviceKind::LivoxSdk2,
+    };
+    DeviceHealth {
+        used: counts.used,
+        lost: counts.lost,
+        late: counts.late,
+        foreign: counts.strangers,
+        corrupt: counts.damaged,
+        untimed: counts.unsure,
+        imu: counts.imu,
+        clock_steps: counts.segments,
+        sessions: view.sessions,
+        kind: kind as u32,
+        state: view.said.state,
+        status: view.said.status,
+        temperature_centi: view.said.temperature_centi,
+        codes: view.said.codes,
     }
 }
 

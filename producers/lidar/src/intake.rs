@@ -2,12 +2,13 @@
 
 use std::net::{Ipv4Addr, UdpSocket};
 
+use evac_formats::livox_sdk1::ImuRecord;
 use evac_frames::{FrameHeader, ImuSample, ScanHeader, frame_flags};
 use evac_stage::{LidarOutput, RawScanOutput, Reporter, StageError};
 
 use crate::assembly::{Arrived, Assembly, Scan};
 use crate::own_imu::{OwnImu, is_finite};
-use crate::packet::Packet;
+use crate::packet::{Packet, TimeSource};
 use crate::points::Points;
 use crate::rate::ShotTime;
 use crate::receive::{BATCH, Received, receive};
@@ -137,14 +138,8 @@ impl Intake {
         };
         self.data_ns = received.arrival_ns.max(self.data_ns);
         if packet.is_imu() {
-            self.imu_ns = self.data_ns;
-            take_sample(
-                &packet,
-                received.arrival_ns,
-                self.config.publish_imu,
-                (&self.timeline, &mut self.own_imu, &mut self.counts),
-                outlet,
-            );
+            let (record, source, stamp_ns) = (packet.imu(), packet.time_source(), packet.stamp_ns());
+            self.take_sample(record, (source, stamp_ns, received.arrival_ns), outlet);
             return false;
         }
         let (stamp_ns, shots, source) = (packet.stamp_ns(), packet.shots(), packet.time_source());
@@ -249,35 +244,38 @@ impl Intake {
         })
     }
 
+    /// Passes a sample of the device's own IMU on, if it is wanted and its time is known: source of its clock, stamp and arrival.
+    fn take_sample(
+        &mut self,
+        record: Option<ImuRecord>,
+        (source, stamp_ns, arrival_ns): (TimeSource, i64, i64),
+        outlet: &mut Outlet<'_>,
+    ) {
+        self.imu_ns = self.data_ns;
+        self.counts.imu += 1;
+        if !self.config.publish_imu {
+            return;
+        }
+        let Some(record) = record.filter(is_finite) else {
+            self.counts.damaged += 1;
+            return;
+        };
+        let Some(stamp_ns) = self.timeline.host_ns_of(source, stamp_ns, arrival_ns) else {
+            self.counts.unsure += 1;
+            return;
+        };
+        match self.own_imu.sample(&record, stamp_ns, arrival_ns) {
+            Some(sample) => {
+                if let Err(error) = outlet.output.imu.publish(&sample) {
+                    outlet.result = Err(error);
+                }
+            }
+            None => self.counts.late += 1,
+        }
+    }
+
     /// The sample that says that no more will come.
     pub(crate) fn last_sample(&self) -> ImuSample {
         ImuSample { flags: frame_flags::END_OF_STREAM, ..self.own_imu.newest() }
-    }
-}
-
-/// Passes a sample of the device's own IMU on, if it is wanted and its time is known.
-fn take_sample(
-    packet: &Packet<'_>,
-    arrival_ns: i64,
-    is_wanted: bool,
-    (timeline, own_imu, counts): (&Timeline, &mut OwnImu, &mut PacketCounts),
-    outlet: &mut Outlet<'_>,
-) {
-    counts.imu += 1;
-    if !is_wanted {
-        return;
-    }
-    let Some(record) = packet.imu().filter(is_finite) else {
-        counts.damaged += 1;
-        return;
-    };
-    let Some(stamp_ns) = timeline.host_ns_of(packet.time_source(), packet.stamp_ns(), arrival_ns) else {
-        counts.unsure += 1;
-        return;
-    };
-    match own_imu.sample(&record, stamp_ns, arrival_ns).map(|sample| outlet.output.imu.publish(&sample)) {
-        Some(Ok(_)) => {}
-        Some(Err(error)) => outlet.result = Err(error),
-        None => counts.late += 1,
     }
 }

@@ -7,6 +7,7 @@ use std::net::UdpSocket;
 use std::time::Duration;
 
 use common::{Host, assert_gap_free, configs, pair, shot};
+use evac_frames::{DeviceKind, NO_TEMPERATURE};
 use evac_lidar::{Config, Protocol};
 use evac_simulator::devices::livox::{Faults, LivoxConfig, LivoxDevice, TimeSource, Wall};
 use evac_stage::Device as _;
@@ -249,6 +250,32 @@ fn a_stranger_s_packets_are_counted_and_nothing_of_them_is_used() {
 
 fn evac_formats_shot() -> evac_formats::livox_sdk1::CartesianMm {
     evac_formats::livox_sdk1::CartesianMm { position: [9999, 0, 0], reflectivity: 1 }
+}
+
+#[test]
+fn health_has_the_device_s_own_words_and_every_count() {
+    for protocol in BOTH {
+        let (device, mut host) = pair(protocol);
+        host.scans(3);
+        assert_eq!((host.reporter.device.status, host.reporter.device.sessions), (0, 1), "{protocol:?}");
+        // Motor (bits 4 and 5): a warning; the scanner by the second protocol.
+        device.faults(|faults| (faults.status, faults.lost_share, faults.corrupt_share) = (0x10, 0.02, 0.02));
+        let complaint = if protocol == Protocol::Sdk1 { "motor warning" } else { "scanner warning" };
+        host.until_noted(&["sampling", complaint]);
+        host.scans(10);
+        let (health, counts) = (host.reporter.device, host.lidar.counts());
+        // Normal by the first protocol, sampling by the second.
+        assert_eq!((health.status, health.state), (0x10, 1), "{protocol:?}");
+        let kind = if protocol == Protocol::Sdk1 { DeviceKind::LivoxSdk1 } else { DeviceKind::LivoxSdk2 };
+        assert_eq!(health.kind, kind as u32);
+        let temperature = if protocol == Protocol::Sdk1 { NO_TEMPERATURE } else { 4150 };
+        assert_eq!(health.temperature_centi, temperature);
+        assert!(health.used > 500 && health.lost > 0 && health.corrupt > 0, "{protocol:?}: {health:?}");
+        assert!(health.used <= counts.used && health.lost <= counts.lost, "{health:?} {counts:?}");
+        // All is well again.
+        device.faults(|faults| *faults = Faults::default());
+        host.until("the complaint to end", |host| (!host.reporter.noted().contains(complaint)).then_some(()));
+    }
 }
 
 #[test]

@@ -34,6 +34,9 @@ pub struct Pipeline {
     /// in real time and a lossless one as fast as its sinks; where it is given, a lossless one runs no faster than it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate: Option<f64>,
+    /// A recording or the simulator waits before each scan for a line on standard input.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub step: bool,
     /// Where the sensors sit.
     #[serde(default)]
     pub rig: Rig,

@@ -1,6 +1,6 @@
 //! A stage's report about itself: counters and latency percentiles, each second and once at its end.
 
-use evac_frames::{FrameHeader, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
+use evac_frames::{DeviceHealth, FrameHeader, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, PortError, RecordPublisher, now_ns};
 use hdrhistogram::Histogram;
@@ -25,6 +25,8 @@ pub struct Reporter {
     pub counters: Counters,
     /// How the odometry fares, where the stage is one.
     pub odometry: OdometryHealth,
+    /// How the device fares, where the stage is a driver.
+    pub device: DeviceHealth,
     last_report: (i64, u64),
 }
 
@@ -73,6 +75,7 @@ impl Reporter {
             input: InputCounters::default(),
             counters: Counters::default(),
             odometry: OdometryHealth::default(),
+            device: DeviceHealth::default(),
             last_report: (now_ns(), 0),
         }
     }
@@ -187,6 +190,7 @@ impl Reporter {
         self.health.rejected = self.counters.rejected + self.input.imu_rejected;
         self.health.imu_lost = self.input.imu_lost;
         self.health.odometry = self.odometry;
+        self.health.device = self.device;
         self.health.ipc = self.ipc.summary();
         self.health.compute = self.compute.summary();
         self.health.end_to_end = self.end_to_end.summary();

@@ -35,6 +35,7 @@ mod run_stage;
 mod source;
 mod stage;
 mod stage_main;
+mod step;
 mod tracking;
 
 pub use check::check_range;

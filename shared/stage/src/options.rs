@@ -51,6 +51,7 @@ pub(crate) struct Context {
     pub(crate) epoch: u32,
     pub(crate) mode: Mode,
     pub(crate) rate: Option<f64>,
+    pub(crate) step: bool,
     pub(crate) rig: Rig,
     pub(crate) pipeline: Option<Pipeline>,
     entry: StageEntry,
@@ -77,6 +78,7 @@ impl RunOptions {
             epoch: self.epoch,
             mode: pipeline.as_ref().map_or(Mode::Live, |p| p.mode),
             rate: pipeline.as_ref().and_then(|p| p.rate),
+            step: pipeline.as_ref().is_some_and(|p| p.step),
             rig: pipeline.as_ref().map_or_else(Rig::default, |p| p.rig),
             pipeline,
             entry,
@@ -102,9 +104,9 @@ impl Context {
     pub(crate) fn with_config<C: StageConfig>(&self, config: &C) -> Result<String, RunError> {
         let config = toml::Table::try_from(config).map_err(unprintable)?;
         let stages = vec![StageEntry { config, ..self.entry.clone() }];
+        let (mode, rate, step, rig) = (self.mode, self.rate, self.step, self.rig);
         let supervision = evac_config::Supervision::default();
-        let pipeline =
-            Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, supervision, stages };
+        let pipeline = Pipeline { domain: None, mode, rate, step, rig, supervision, stages };
         toml::to_string(&pipeline).map_err(unprintable)
     }
 

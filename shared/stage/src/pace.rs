@@ -55,6 +55,13 @@ impl Pace {
         Ok(Self::Acknowledged(Box::new(Acks::open(bus, pipeline)?), rate.map(Clockwork::new)))
     }
 
+    /// After a pause time goes on where it stood.
+    pub(crate) fn resume(&mut self) {
+        if let Self::RealTime(clockwork) | Self::Acknowledged(_, Some(clockwork)) = self {
+            clockwork.start = None;
+        }
+    }
+
     /// Waits until `event` is due, the next scan being number `next_seq`.
     pub(crate) fn wait(
         &mut self,

@@ -231,6 +231,9 @@ where
             reporter.begin();
             stage.process(input, output, &mut reporter.counters)?;
             reporter.odometry = output.odometry();
+            if !stage.note().is_empty() {
+                reporter.note(stage.note());
+            }
             reporter.done(frame, complete_ns);
             Ok::<FrameHeader, StageError>(*frame)
         });

@@ -3,8 +3,8 @@
 use std::net::{Ipv4Addr, SocketAddrV4};
 
 use evac_formats::livox_sdk2::{
-    DataType, Frame, FrameKind, HostAddress, Parameters, ParametersWriter, SearchReply, Sender, WorkState,
-    WriteReply, command, key, ports, return_code,
+    DataType, Diagnostics, Frame, FrameKind, HostAddress, Parameters, ParametersWriter, SearchReply, Sender,
+    WorkState, WriteReply, command, key, ports, return_code,
 };
 
 use super::{Channel, Host, LOST_NS, Lost, Outbox, Phase, SECOND, SILENT_NS, View};
@@ -137,11 +137,23 @@ impl Sdk2 {
     fn told(&mut self, now_ns: i64, list: &Parameters<'_>) {
         self.heard_ns = now_ns;
         let byte = |key| list.get(key).and_then(|parameter| parameter.byte());
+        let said = &mut self.view.said;
         let diagnostics = list.get(key::DIAGNOSTICS).and_then(|parameter| parameter.value.try_into().ok());
         if let Some(diagnostics) = diagnostics.map(u16::from_le_bytes) {
-            self.view.complaint = complaint(diagnostics);
+            said.status = u32::from(diagnostics);
+            self.view.complaint = Diagnostics(diagnostics).complaint();
         }
-        let Some(state) = byte(key::WORK_STATE).and_then(WorkState::from_wire) else { return };
+        let temperature =
+            list.get(key::CORE_TEMPERATURE).and_then(|parameter| parameter.value.try_into().ok());
+        said.temperature_centi = temperature.map_or(said.temperature_centi, i32::from_le_bytes);
+        if let Some(codes) = list.get(key::HEALTH_CODES) {
+            for (code, bytes) in said.codes.iter_mut().zip(codes.value.as_chunks::<4>().0) {
+                *code = u32::from_le_bytes(*bytes);
+            }
+        }
+        let Some(state) = byte(key::WORK_STATE) else { return };
+        said.state = u32::from(state);
+        let Some(state) = WorkState::from_wire(state) else { return };
         if state == WorkState::Error {
             self.view.complaint =
                 Some("the device reports an error: look at its window and cable, then switch it off and on");
@@ -236,6 +248,9 @@ impl Sdk2 {
             self.question_ns = now_ns;
             ParametersWriter::query(&[key::WORK_STATE, key::DIAGNOSTICS], &mut out.payload);
             self.send(command::READ_PARAMETERS, Channel::Command, peer, out);
+            // Apart: a device that does not know one key refuses them all.
+            ParametersWriter::query(&[key::CORE_TEMPERATURE, key::HEALTH_CODES], &mut out.payload);
+            self.send(command::READ_PARAMETERS, Channel::Command, peer, out);
         }
         let answer_ns = self.sent.map_or(i64::MAX, |(sent_ns, _)| sent_ns + SECOND);
         answer_ns.min(self.question_ns + SECOND)
@@ -274,8 +289,7 @@ impl Sdk2 {
     }
 
     fn lose(&mut self, why: Lost) {
-        self.view.lost = Some(why);
-        (self.view.phase, self.view.device, self.view.complaint) = (Phase::Searching, None, None);
+        self.view.lose(Some(why));
         (self.peer, self.sent) = (None, None);
         self.search_ns = i64::MIN / 2;
     }
@@ -294,22 +308,5 @@ impl Sdk2 {
         frame.encode(&mut out.frame);
         out.push(channel, to);
         self.sequence
-    }
-}
-
-/// The worst of four fields: 1 warning, 2 error, 3 safety error.
-fn complaint(diagnostics: u16) -> Option<&'static str> {
-    let level = |field: u32| diagnostics >> (4 * field) & 0xf;
-    let names = [
-        ["system warning", "system error"],
-        ["scanner warning", "scanner error"],
-        ["ranging warning", "ranging error"],
-        ["communication warning", "communication error"],
-    ];
-    let worst = (0..4).max_by_key(|field| level(*field))?;
-    match level(worst) {
-        0 => None,
-        1 => Some(names[worst as usize][0]),
-        _ => Some(names[worst as usize][1]),
     }
 }

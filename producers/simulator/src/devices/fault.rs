@@ -165,7 +165,7 @@ impl FromStr for Fault {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let bad = |why: &str| format!("fault '{text}': {why}; it is {FAULTS_HELP}");
+        let bad = |why: &str| format!("fault '{text}': {why}; see `evac demo --help`");
         let number = |text: &str| text.parse::<f64>().map_err(|_| bad(&format!("'{text}' is no number")));
         let (what, when) = text.split_once('@').map_or((text, None), |(what, when)| (what, Some(when)));
         let (name, value) = what.split_once('=').map_or((what, None), |(name, value)| (name, Some(value)));

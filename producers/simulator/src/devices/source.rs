@@ -30,7 +30,7 @@ pub struct DeviceSimulator {
     faults: Vec<Fault>,
     feed: WalkFeed,
     /// The scan that is put in as soon as there is room.
-    scan: Option<Vec<Point>>,
+    scan: Option<(u64, Vec<Point>)>,
     truth: VecDeque<PoseFrame>,
     next_seq: u64,
 }
@@ -83,9 +83,9 @@ impl Device for DeviceSimulator {
         self.publish(output, reporter)?;
         if self.scan.is_none() {
             let mut points = Vec::with_capacity(SHOTS_PER_FRAME);
-            if let Some((_, truth)) = self.walk.next_scan(&mut points) {
+            if let Some((header, truth)) = self.walk.next_scan(&mut points) {
                 self.truth.push_back(truth);
-                self.scan = Some(points);
+                self.scan = Some((header.frame.seq, points));
             }
         }
         match self.scan.take().map(|scan| self.feed.put(scan)) {

@@ -16,6 +16,8 @@ pub struct Faults {
     pub corrupt_share: f64,
     /// Added to the device's clock, milliseconds.
     pub clock_step_ms: f64,
+    /// What the device says of itself: status word of the first protocol, diagnostics of the second.
+    pub status: u32,
     /// The cable is pulled: nothing comes and nothing goes.
     pub cable_out: bool,
     /// The device does not hear heartbeats and questions.

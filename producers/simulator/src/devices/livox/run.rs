@@ -1,7 +1,7 @@
 //! The device's own thread: its sockets, and the time.
 
 use std::io;
-use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -11,9 +11,8 @@ use evac_formats::livox_sdk2::ports;
 
 use super::config::{LivoxConfig, LivoxProtocol, TimeSource};
 use super::faults::{Faults, Faulty};
+use super::mind::LivoxMind;
 use super::scene::Scene;
-use super::sdk1::Sdk1;
-use super::sdk2::Sdk2;
 use super::sender::Sender;
 use crate::devices::now_ns;
 use crate::{FRAME_NS, SAMPLE_NS};
@@ -130,6 +129,8 @@ struct Sockets {
     command: UdpSocket,
     /// Searches of the second protocol.
     search: Option<UdpSocket>,
+    /// Searches that are sent to all, which a socket bound to one address does not get.
+    broadcast: Option<UdpSocket>,
     points: UdpSocket,
     /// IMU samples of the second protocol; the first sends them with the points.
     samples: Option<UdpSocket>,
@@ -137,22 +138,24 @@ struct Sockets {
 
 impl Sockets {
     fn open(config: &LivoxConfig) -> io::Result<Self> {
-        let open = |port| {
-            let address = SocketAddrV4::new(config.address, port);
+        let open_at = |address| {
             let socket = UdpSocket::bind(address)
                 .map_err(|cause| io::Error::new(cause.kind(), format!("UDP {address}: {cause}")))?;
             socket.set_nonblocking(true)?;
             socket.set_broadcast(true)?;
             Ok::<_, io::Error>(socket)
         };
+        let open = |port| open_at(SocketAddrV4::new(config.address, port));
+        let to_all = SocketAddrV4::new(Ipv4Addr::BROADCAST, ports::SEARCH);
         Ok(match config.protocol {
             LivoxProtocol::Sdk1 => {
                 let (command, points) = (open(SDK1_COMMAND)?, open(SDK1_POINTS)?);
-                Self { command, search: None, points, samples: None }
+                Self { command, search: None, broadcast: None, points, samples: None }
             }
             LivoxProtocol::Sdk2 => Self {
                 command: open(ports::COMMAND)?,
                 search: Some(open(ports::SEARCH)?),
+                broadcast: (!config.address.is_loopback()).then(|| open_at(to_all)).transpose()?,
                 points: open(ports::POINTS)?,
                 samples: Some(open(ports::IMU)?),
             },
@@ -160,13 +163,8 @@ impl Sockets {
     }
 }
 
-enum Mind {
-    Sdk1(Sdk1),
-    Sdk2(Sdk2),
-}
-
 struct Running {
-    mind: Mind,
+    mind: LivoxMind,
     sockets: Sockets,
     sender: Sender,
     faulty: Faulty,
@@ -186,10 +184,7 @@ impl Running {
     fn new(config: &LivoxConfig, sockets: Sockets, scene: Box<dyn Scene>, shared: Arc<Shared>) -> Self {
         let now = now_ns();
         Self {
-            mind: match config.protocol {
-                LivoxProtocol::Sdk1 => Mind::Sdk1(Sdk1::new(config, now)),
-                LivoxProtocol::Sdk2 => Mind::Sdk2(Sdk2::new(config, now)),
-            },
+            mind: LivoxMind::new(config, now),
             sockets,
             sender: Sender::new(config, scene),
             faulty: Faulty::new(1),
@@ -226,44 +221,31 @@ impl Running {
     fn power_off(&mut self, until_ns: i64) {
         self.next = None;
         self.powered_ns = until_ns;
-        match &mut self.mind {
-            Mind::Sdk1(mind) => mind.power_cycle(until_ns),
-            Mind::Sdk2(mind) => mind.power_cycle(until_ns),
-        }
+        self.mind.power_cycle(until_ns);
         self.sockets.hear(|_, _, _| {});
     }
 
     fn converse(&mut self, now: i64, faults: &Faults) {
         let mind = &mut self.mind;
+        mind.set_status(faults.status);
+        self.sender.status = faults.status;
         self.sockets.hear(|socket, from, bytes| {
             if faults.cable_out || faults.deaf {
                 return;
             }
-            let answer = |to: SocketAddrV4, bytes: &[u8]| say(socket, to, bytes);
-            match mind {
-                Mind::Sdk1(mind) => mind.receive(now, from, bytes, answer),
-                Mind::Sdk2(mind) => mind.receive(now, from, bytes, answer),
-            }
+            mind.receive(now, from, bytes, |to, bytes| say(socket, to, bytes));
         });
         let command = &self.sockets.command;
-        let answer = |to: SocketAddrV4, bytes: &[u8]| {
+        mind.tick(now, |to, bytes| {
             if !faults.cable_out {
                 say(command, to, bytes);
             }
-        };
-        match mind {
-            Mind::Sdk1(mind) => mind.tick(now, answer),
-            Mind::Sdk2(mind) => mind.tick(now, answer),
-        }
+        });
     }
 
     /// Sends every packet whose last shot is over.
     fn measure(&mut self, now: i64, faults: &Faults) {
-        let target = match &self.mind {
-            Mind::Sdk1(mind) => mind.target(),
-            Mind::Sdk2(mind) => mind.target(now),
-        };
-        let Some(target) = target.filter(|_| !self.is_over) else {
+        let Some(target) = self.mind.target(now).filter(|_| !self.is_over) else {
             self.next = None;
             return;
         };
@@ -295,10 +277,7 @@ impl Running {
 
     /// Sends every sample of the device's own IMU that is measured up to `until_ns`.
     fn samples(&mut self, until_ns: i64, now: i64, faults: &Faults) {
-        let target = match &self.mind {
-            Mind::Sdk1(mind) => mind.imu_target(),
-            Mind::Sdk2(mind) => mind.imu_target(now),
-        };
+        let target = self.mind.imu_target(now);
         let began = self.shared.began_ns.load(Ordering::Relaxed);
         loop {
             let due_ns = began + self.next_sample as i64 * SAMPLE_NS;
@@ -347,10 +326,14 @@ impl Running {
 impl Sockets {
     fn hear(&self, mut heard: impl FnMut(&UdpSocket, SocketAddrV4, &[u8])) {
         let mut buffer = [0; 2048];
-        for socket in [Some(&self.command), self.search.as_ref()].into_iter().flatten() {
+        // Where it is heard, and by which it is answered.
+        let search = self.search.as_ref();
+        let ears =
+            [(Some(&self.command), Some(&self.command)), (search, search), (self.broadcast.as_ref(), search)];
+        for (ear, mouth) in ears.into_iter().filter_map(|(ear, mouth)| ear.zip(mouth)) {
             for _ in 0..32 {
-                let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut buffer) else { break };
-                heard(socket, from, buffer.get(..length).unwrap_or_default());
+                let Ok((length, SocketAddr::V4(from))) = ear.recv_from(&mut buffer) else { break };
+                heard(mouth, from, buffer.get(..length).unwrap_or_default());
             }
         }
     }

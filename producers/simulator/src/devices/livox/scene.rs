@@ -46,12 +46,16 @@ impl Scene for Wall {
     }
 }
 
+/// A scan with its number.
+type Numbered = (u64, Vec<Point>);
+
 /// The scans of a walk, handed over in order ahead of time.
 #[derive(Debug)]
 pub struct WalkScene {
     /// The samples are drawn from it.
     walk: Walk,
-    scans: Receiver<Vec<Point>>,
+    /// `None` once the walk is over: nobody need wait any more to put a scan in.
+    scans: Option<Receiver<Numbered>>,
     scan: Vec<Point>,
     /// Number of the scan after the one at hand.
     next: u64,
@@ -63,16 +67,16 @@ pub struct WalkScene {
 /// The end at which a walk's scans are put in.
 #[derive(Debug, Clone)]
 pub struct WalkFeed {
-    scans: SyncSender<Vec<Point>>,
+    scans: SyncSender<Numbered>,
     late: Arc<AtomicU64>,
 }
 
 impl WalkFeed {
-    /// Puts in the next scan; gives it back where enough are waiting.
+    /// Puts in a scan with its number, which rise by one; gives it back where enough are waiting.
     ///
     /// # Errors
     /// The scan, to be put in later.
-    pub fn put(&self, scan: Vec<Point>) -> Result<(), Vec<Point>> {
+    pub fn put(&self, scan: (u64, Vec<Point>)) -> Result<(), (u64, Vec<Point>)> {
         match self.scans.try_send(scan) {
             // Nobody measures any more.
             Ok(()) | Err(TrySendError::Disconnected(_)) => Ok(()),
@@ -93,18 +97,27 @@ impl WalkScene {
         let late = Arc::new(AtomicU64::new(0));
         let feed = WalkFeed { scans: sender, late: Arc::clone(&late) };
         let total = walk.frames();
-        (feed, Self { walk, scans, scan: Vec::new(), next: 0, total, late })
+        (feed, Self { walk, scans: Some(scans), scan: Vec::new(), next: 0, total, late })
     }
 
     /// Takes the scan of a number, and leaves out those before; the ones that come after their time are left out then.
     fn take(&mut self, number: u64) {
         while self.next <= number {
-            // The thread that simulates is behind: waiting for it a little is better than a hole, and packets may come late.
-            self.scan = self.scans.recv_timeout(PATIENCE).unwrap_or_else(|_| {
+            self.scan = self.wait_for(self.next).unwrap_or_else(|| {
                 self.late.fetch_add(1, Ordering::Relaxed);
                 Vec::new()
             });
             self.next += 1;
+        }
+    }
+
+    /// The thread that simulates may be behind: waiting for it a little is better than a hole, and packets may come late.
+    fn wait_for(&self, number: u64) -> Option<Vec<Point>> {
+        loop {
+            let (got, scan) = self.scans.as_ref()?.recv_timeout(PATIENCE).ok()?;
+            if got >= number {
+                return Some(scan);
+            }
         }
     }
 }
@@ -114,6 +127,7 @@ impl Scene for WalkScene {
         for shot in (first..).take(count) {
             let (scan, index) = (shot / SHOTS_PER_FRAME as u64, (shot % SHOTS_PER_FRAME as u64) as usize);
             if scan >= self.total {
+                self.scans = None;
                 return false;
             }
             self.take(scan);

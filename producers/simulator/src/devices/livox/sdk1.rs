@@ -38,6 +38,8 @@ pub(super) struct Sdk1 {
     is_sampling: bool,
     has_imu: bool,
     sends_imu: bool,
+    /// What it says of itself.
+    pub(super) status: u32,
     extrinsic: Extrinsic,
     payload: Vec<u8>,
     frame: Vec<u8>,
@@ -57,6 +59,7 @@ impl Sdk1 {
             is_sampling: false,
             has_imu: config.imu,
             sends_imu: false,
+            status: 0,
             extrinsic: Extrinsic { roll_pitch_yaw_deg: [0.0; 3], translation_mm: [0; 3] },
             payload: Vec::new(),
             frame: Vec::new(),
@@ -134,7 +137,7 @@ impl Sdk1 {
                     code: 0,
                     state: Ok(if booting { WorkState::Initialising } else { WorkState::Normal }),
                     features: 0,
-                    progress_or_status: if booting { progress } else { 0 },
+                    progress_or_status: if booting { progress } else { self.status },
                 }
             }
             Request::DeviceInfo => Reply::DeviceInfo { code: 0, firmware: [3, 8, 0, 0] },

@@ -30,6 +30,8 @@ pub(super) struct Sdk2 {
     imu_host: Option<HostAddress>,
     has_imu: bool,
     sends_imu: bool,
+    /// What it says of itself.
+    pub(super) diagnostics: u16,
     data: Vec<u8>,
     frame: Vec<u8>,
 }
@@ -50,6 +52,7 @@ impl Sdk2 {
             imu_host: None,
             has_imu: config.imu,
             sends_imu: false,
+            diagnostics: 0,
             data: Vec::new(),
             frame: Vec::new(),
         }
@@ -168,7 +171,10 @@ impl Sdk2 {
             key::SERIAL => list.put(wanted, &self.serial),
             key::WORK_STATE => list.put(wanted, &[self.state(now_ns) as u8]),
             key::TIME_TYPE => list.put(wanted, &[self.time_type as u8]),
-            key::DIAGNOSTICS => list.put(wanted, &[0, 0]),
+            key::DIAGNOSTICS => list.put(wanted, &self.diagnostics.to_le_bytes()),
+            // 41.5 degrees Celsius.
+            key::CORE_TEMPERATURE => list.put(wanted, &4150_i32.to_le_bytes()),
+            key::HEALTH_CODES => list.put(wanted, &[0; 32]),
             key::FIRMWARE_TYPE => list.put(wanted, &[1]),
             _ => {}
         }

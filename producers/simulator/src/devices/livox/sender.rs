@@ -16,6 +16,8 @@ pub(super) struct Sender {
     is_tagged: bool,
     scene: Box<dyn Scene>,
     shots: Vec<PointRecord>,
+    /// Status word of the first protocol.
+    pub(super) status: u32,
     number: u16,
     imu_number: u16,
 }
@@ -28,6 +30,7 @@ impl Sender {
             is_tagged: config.imu,
             scene,
             shots: Vec::with_capacity(100),
+            status: 0,
             number: 0,
             imu_number: 0,
         }
@@ -97,7 +100,7 @@ impl Sender {
             TimeSource::Gps => (TimestampType::Utc, UtcTime::of_nanoseconds(utc_ns).to_bytes()),
             TimeSource::Pulse => (TimestampType::Pps, utc_ns.rem_euclid(1_000_000_000).to_le_bytes()),
         };
-        livox_sdk1::DataFields { status: 0, timestamp_type, stamp }
+        livox_sdk1::DataFields { status: self.status, timestamp_type, stamp }
     }
 
     fn fields2(&self, interval: u16, number: u16, power_on_ns: i64, utc_ns: i64) -> livox_sdk2::DataFields {
