@@ -92,6 +92,7 @@ impl Supervisor {
         log: &LogOptions,
     ) -> Result<(Self, Wakeups), LaunchError> {
         let lock = domain.lock()?;
+        Shadows::clean_up(domain)?;
         let bus = Bus::join(domain, "launcher")?;
         bus.clean_up_dead();
         let (board, health_listener) = HealthBoard::open(&bus)?;

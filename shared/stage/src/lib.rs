@@ -13,6 +13,7 @@
 //! The run loop adds ports, wake-up, the joining of streams, SIGTERM, health with latency histograms, acknowledgement in
 //! lossless mode, `--config`, `--print-config`, `--check` and exit codes.
 
+mod ack;
 mod check;
 mod checkpoint;
 mod device;
@@ -33,6 +34,7 @@ mod run_source;
 mod run_stage;
 mod source;
 mod stage;
+mod stage_main;
 mod step;
 mod tracer;
 mod tracking;
@@ -54,6 +56,7 @@ pub use output::{
 };
 pub use run_device::{device_main, run_device};
 pub use run_source::{run_source, source_main};
-pub use run_stage::{run_stage, stage_main};
+pub use run_stage::run_stage;
 pub use source::{SensorEvent, Source};
 pub use stage::{Counters, Stage, StageConfig, StageError};
+pub use stage_main::stage_main;
