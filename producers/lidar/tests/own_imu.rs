@@ -46,13 +46,13 @@ fn samples_come_in_si_units_on_the_same_clock_as_the_points() {
         assert!(samples.len() > 200, "{}", samples.len());
         assert_even(&samples);
         // Shot 0 and sample 0 were measured when measuring began. The points' clock and the samples' are one, so both are off
-        // that by the same few tenths of a millisecond.
+        // that by the same; a scan's start was fixed one scan ago, and the fit moves by a hundredth of that time at most.
         let began = device.began_ns().unwrap();
         let (header, points) = scans.last().unwrap();
         let points_off_ns = header.frame.start_ns - (began + shot(&points[0]) as i64 * 10_000);
         let sample = samples.last().unwrap();
         let sample_off_ns = sample.stamp_ns - (began + number(sample) as i64 * 5_000_000);
-        assert!((sample_off_ns - points_off_ns).abs() < 300_000, "{sample_off_ns} {points_off_ns} ns");
+        assert!((sample_off_ns - points_off_ns).abs() < 1_300_000, "{sample_off_ns} {points_off_ns} ns");
         let counts = host.lidar.counts();
         assert_eq!((counts.imu_lost, counts.late, counts.damaged), (0, 0, 0), "{protocol:?}: {counts:?}");
         host.lidar.finish(&mut host.output).unwrap();
