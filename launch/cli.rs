@@ -58,8 +58,12 @@ pub(crate) enum Command {
     /// Compare a stage with its shadow, or two odometries over a recording: deviation, latency and CPU
     #[command(after_help = crate::compare::COMPARE_HELP)]
     Compare(crate::compare::CompareArgs),
-    /// Show every stage of a running pipeline: pid, state, rate, age, losses and latency
+    /// Show every stage of a running pipeline: who is routed, state, rate, age, losses, latency, CPU and memory
     Status(StatusArgs),
+    /// Show the same live on a terminal; also over ssh, NO_COLOR is heeded, q quits
+    Top(DomainArgs),
+    /// Follow one frame through all stages: when it was handed over, received, taken up and done
+    Trace(crate::trace::TraceArgs),
     /// Check a pipeline file without starting anything
     Check(CheckArgs),
     /// Find what would stop or spoil a run on this machine, and say what to do
@@ -73,6 +77,8 @@ pub(crate) enum Command {
                       map_saver, recorder"
     )]
     Stage(StageArgs),
+    /// Print every service and layout of shared memory as JSON, for stages in other languages
+    Services,
     /// Turn a point cloud into octree files, voxel centres and flat maps
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.

@@ -194,15 +194,17 @@ pub(crate) fn frames_json(health: &Health) -> Value {
 
 /// Latencies of a stage in milliseconds.
 pub(crate) fn latency_json(health: &Health) -> Value {
-    let summary = |latency: &LatencySummary| {
-        let ms = |ns: u64| (ns as f64 * 1e-3).round() * 1e-3;
-        json!({ "count": latency.count, "p50_ms": ms(latency.p50_ns), "p99_ms": ms(latency.p99_ns), "max_ms": ms(latency.max_ns) })
-    };
     json!({
-        "ipc": summary(&health.ipc),
-        "compute": summary(&health.compute),
-        "end_to_end": summary(&health.end_to_end),
+        "ipc": summary_json(&health.ipc),
+        "compute": summary_json(&health.compute),
+        "end_to_end": summary_json(&health.end_to_end),
     })
+}
+
+/// One latency in milliseconds.
+pub(crate) fn summary_json(latency: &LatencySummary) -> Value {
+    let ms = |ns: u64| (ns as f64 * 1e-3).round() * 1e-3;
+    json!({ "count": latency.count, "p50_ms": ms(latency.p50_ns), "p99_ms": ms(latency.p99_ns), "max_ms": ms(latency.max_ns) })
 }
 
 #[cfg(test)]

@@ -23,12 +23,17 @@ mod progress;
 mod pulse;
 mod registry;
 mod restart;
+mod services;
 mod shadow;
 mod slot;
 mod status;
 mod summary;
 mod supervisor;
 mod swap;
+mod top;
+mod trace;
+mod usage;
+mod view;
 
 use std::process::ExitCode;
 
@@ -44,7 +49,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // A stage that ended with an error has said so itself.
             if !matches!(error, LaunchError::Child { .. }) {
-                eprintln!("evac: {error}");
+                evac_stage::say_failure("evac", &error);
             }
             ExitCode::from(error.code())
         }
@@ -63,10 +68,16 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Shadow(args) => control::shadow(&args),
         Command::Promote(args) => control::promote(&args),
         Command::Compare(args) => compare::compare(&args),
+        Command::Top(args) => top::top(&args),
+        Command::Trace(args) => trace::trace(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
         Command::Doctor(args) => doctor::doctor(&args),
         Command::Stage(args) => registry::run_stage(&args),
+        Command::Services => {
+            services::print();
+            Ok(())
+        }
         Command::Convert(args) => convert::convert(&args),
         Command::Experiment(args) => experiment::experiment(&args),
         Command::Eval(args) => eval::eval(&args),

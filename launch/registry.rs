@@ -17,7 +17,7 @@ use evac_stage::joins::{
 };
 use evac_stage::{
     Device, RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_device, run_source,
-    run_stage as run_one, start_logging,
+    run_stage as run_one, say_failure, start_logging,
 };
 
 use crate::cli::StageArgs;
@@ -88,7 +88,7 @@ pub(crate) fn run_stage(args: &StageArgs) -> Result<(), LaunchError> {
     let kind = kind(&args.kind)?;
     // The stage's own name in front of its message, as its own executable would write it.
     (kind.run)(&args.options).map_err(|error| {
-        eprintln!("{}: {error}", args.options.name.as_deref().unwrap_or(kind.name));
+        say_failure(args.options.name.as_deref().unwrap_or(kind.name), &error);
         LaunchError::Child { name: kind.name.to_owned(), code: error.code() }
     })
 }

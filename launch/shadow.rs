@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use evac_config::StageEntry;
-use evac_ports::DomainLock;
+use evac_ports::{Domain, DomainLock};
 
 use crate::child::executable;
 use crate::control::{Outcome, Reply, Request};
@@ -25,6 +25,19 @@ pub(crate) struct Shadow {
     slot: usize,
     epoch: u32,
     pub(crate) entry: StageEntry,
+}
+
+impl Shadows {
+    /// Removes what the shadows of a killed launcher left.
+    pub(crate) fn clean_up(domain: &Domain) -> Result<(), LaunchError> {
+        // A name that is too long has none.
+        if let Ok(shadows) = domain.of_shadows()
+            && shadows.folder().exists()
+        {
+            drop(shadows.lock()?);
+        }
+        Ok(())
+    }
 }
 
 impl Supervisor {

@@ -65,7 +65,7 @@ pub(crate) fn write(
         // Devices and truth are on the host's clock, and the first scans go by while the device's clock is being fitted.
         let pairs = if run.ends_with.is_some() { associate_absolute } else { associate };
         drift(&truth, &trajectory, pairs).unwrap_or_else(|cause| {
-            eprintln!("no drift in the summary: {cause}");
+            tracing::warn!("no drift in the summary: {cause}");
             None
         })
     });

@@ -15,7 +15,7 @@ use evac_stage::LogOptions;
 use rustix::process::Signal;
 
 use crate::child::{Child, Surroundings};
-use crate::control::Server;
+use crate::control::{Order, Server};
 use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
 use crate::incidents::{Incident, Incidents};
@@ -92,6 +92,7 @@ impl Supervisor {
         log: &LogOptions,
     ) -> Result<(Self, Wakeups), LaunchError> {
         let lock = domain.lock()?;
+        Shadows::clean_up(domain)?;
         let bus = Bus::join(domain, "launcher")?;
         bus.clean_up_dead();
         let (board, health_listener) = HealthBoard::open(&bus)?;
@@ -170,7 +171,11 @@ impl Supervisor {
         }
         self.greet()?;
         self.feel_pulse()?;
-        while let Some((request, reply)) = self.control.next() {
+        while let Some((request, mut reply)) = self.control.next() {
+            if request.order == Order::Stages {
+                reply.stages(self.stage_words());
+                continue;
+            }
             self.take_request(&request, reply);
         }
         self.operate()?;
@@ -279,6 +284,7 @@ impl Supervisor {
             } else if self.plan_restart(index, (&name, old))? {
                 self.note_death(index, &cause, false);
                 tracing::warn!(stage = name, %cause, "is started again");
+                self.slots.iter_mut().skip(index).take(1).for_each(|slot| slot.restarts += 1);
                 self.end(&name, old)?;
             }
         }

@@ -21,6 +21,8 @@ const HAND_OVER_PATIENCE: Duration = Duration::from_secs(10);
 /// How long the old instance stays after the new one leads (ten frames of the twenty that it can hold): so that it goes on if the new
 /// one dies of its first frames, and slow readers find everything in its place.
 const LINGER: Duration = Duration::from_secs(1);
+/// How long the new instance may take to lead after the word, while the old one still holds every frame since.
+const TAKE_OVER_PATIENCE: Duration = Duration::from_secs(2);
 /// How long it may take to end then.
 const END_PATIENCE: Duration = Duration::from_secs(5);
 
@@ -36,8 +38,8 @@ pub(crate) struct Operation {
     pid: u32,
     started: Instant,
     ready_s: f64,
-    /// How it was before the new one was routed.
-    before: Option<(StageEntry, Option<Route>)>,
+    /// How it was before the new one was routed, and when it was.
+    before: Option<(StageEntry, Option<Route>, Instant)>,
     phase: Phase,
 }
 
@@ -287,7 +289,8 @@ impl Supervisor {
                     .map(|health| health.last_seq);
                 let old_gone = self.child(&name, old).is_none_or(|child| child.ended.is_some());
                 if let Some(last_seq) = retired {
-                    operation.before = self.slots.get(slot).map(|slot| (slot.entry.clone(), slot.route));
+                    operation.before =
+                        self.slots.get(slot).map(|slot| (slot.entry.clone(), slot.route, Instant::now()));
                     let route = self.lead(slot, &operation.entry, |slot| slot.hand_over(epoch, last_seq))?;
                     operation.phase = Phase::TakeOver { old: Some(old), since, from_seq: route };
                 } else if old_gone || since.elapsed() > HAND_OVER_PATIENCE {
@@ -303,7 +306,9 @@ impl Supervisor {
                 let leads = state.is_some_and(|state| {
                     state == StageState::Running as u32 || state == StageState::Finished as u32
                 });
-                if let Some(old) = old.filter(|_| gone) {
+                let routed = operation.before.as_ref().map_or(since, |(_, _, routed)| *routed);
+                let is_late = !leads && routed.elapsed() > TAKE_OVER_PATIENCE;
+                if let Some(old) = old.filter(|_| gone || is_late) {
                     return self.go_back(operation, old);
                 }
                 if gone || !leads {
@@ -355,13 +360,22 @@ impl Supervisor {
         Ok(())
     }
 
-    /// The new instance has died of its first frames, and the old one, which still holds its inputs, leads again.
+    /// The new instance has died of its first frames or does not lead at all, and the old one, which still holds its inputs, leads again.
     fn go_back(&mut self, mut operation: Operation, old: u32) -> Result<Option<Operation>, LaunchError> {
         let (slot, epoch) = (operation.slot, operation.epoch);
-        let why = self.why(operation.entry.name(), epoch);
-        let (entry, route) = operation.before.take().unwrap_or_else(|| (operation.entry.clone(), None));
+        let gone = self.child(operation.entry.name(), epoch).is_none_or(|child| child.ended.is_some());
+        let cause = if gone {
+            let why = self.why(operation.entry.name(), epoch);
+            format!("the new instance ended soon after it was to take over: {why}")
+        } else {
+            format!("the new instance did not take over within {} s", TAKE_OVER_PATIENCE.as_secs())
+        };
+        let (entry, route) = match operation.before.take() {
+            Some((entry, route, _)) => (entry, route),
+            None => (operation.entry.clone(), None),
+        };
         self.lead(slot, &entry, |slot| slot.go_back(old, route))?;
-        self.give_up(operation, &format!("the new instance ended soon after it had taken over: {why}"))
+        self.give_up(operation, &cause)
     }
 
     /// The new instance is killed, and the old one is what it was.

@@ -78,6 +78,7 @@ pub(crate) fn ask(
         match answer {
             Answer::Progress(text) => progress(&text),
             Answer::Done(outcome) => return Ok(outcome),
+            Answer::Stages(_) => {}
             Answer::Failed(cause) => return Err(LaunchError::Silent(cause)),
         }
     }

@@ -2,6 +2,7 @@
 
 mod client;
 mod server;
+mod stages;
 
 use std::path::PathBuf;
 
@@ -10,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 pub(crate) use client::{ask, promote, shadow, standby, swap};
 pub(crate) use server::{Reply, Server};
+pub(crate) use stages::{StageWord, stages};
 
 /// What a launcher can be asked for, one line.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -42,6 +44,8 @@ pub(crate) enum Order {
     Unshadow,
     /// What runs as the stage's shadow takes over.
     Promote,
+    /// Nothing: the launcher says what it knows of all stages.
+    Stages,
 }
 
 /// What a launcher answers, each a line; the last is `Done` or `Failed`.
@@ -51,6 +55,8 @@ pub(crate) enum Answer {
     /// How far it is.
     Progress(String),
     Done(Outcome),
+    /// To `Order::Stages`.
+    Stages(Vec<StageWord>),
     /// Nothing has changed, and why.
     Failed(String),
 }

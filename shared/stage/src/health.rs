@@ -6,6 +6,7 @@ use evac_ports::{Bus, PortError, RecordPublisher, now_ns};
 use hdrhistogram::Histogram;
 
 use crate::Counters;
+use crate::tracer::Tracer;
 
 /// Time between two reports.
 const INTERVAL_NS: i64 = 1_000_000_000;
@@ -19,6 +20,8 @@ pub struct Reporter {
     ipc: Latency,
     compute: Latency,
     end_to_end: Latency,
+    /// A processor's or consumer's.
+    pub(crate) tracer: Option<Tracer>,
     /// What came in.
     pub input: InputCounters,
     /// What the stage itself counts.
@@ -72,6 +75,7 @@ impl Reporter {
             ipc: Latency::new(),
             compute: Latency::new(),
             end_to_end: Latency::new(),
+            tracer: None,
             input: InputCounters::default(),
             counters: Counters::default(),
             odometry: OdometryHealth::default(),
@@ -94,6 +98,9 @@ impl Reporter {
     pub fn received(&mut self, sent_ns: i64) {
         self.health.last_input_ns = now_ns();
         self.ipc.record(self.health.last_input_ns - sent_ns);
+        if let Some(tracer) = &mut self.tracer {
+            tracer.received(sent_ns, self.health.last_input_ns);
+        }
     }
 
     /// A frame with all its partners is about to be processed.
@@ -111,6 +118,9 @@ impl Reporter {
         self.health.last_seq = header.seq;
         self.compute.record(now - complete_ns);
         self.end_to_end.record(now - header.arrival_ns);
+        if let Some(tracer) = &self.tracer {
+            tracer.done(header, complete_ns, now);
+        }
     }
 
     /// A standby is done with frame `seq` of the routed instance.

@@ -8,7 +8,7 @@ use evac_config::Mode;
 use evac_frames::StageState;
 use evac_ports::{Bus, now_ns};
 
-use crate::run_stage::{parse_options, prepare};
+use crate::stage_main::{parse_options, prepare};
 use crate::{Device, Reporter, RunError, RunOptions, StageError, StageOutput, exit_code, start_logging};
 
 /// Longest wait for a device, after which reports go out and SIGTERM is looked for.

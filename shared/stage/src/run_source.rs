@@ -10,7 +10,7 @@ use evac_ports::{Bus, FramePublisher, RecordPublisher, now_ns};
 
 use crate::options::Context;
 use crate::pace::{Next, Pace};
-use crate::run_stage::{parse_options, prepare};
+use crate::stage_main::{parse_options, prepare};
 use crate::step::Steps;
 use crate::{Counters, Reporter, RunError, RunOptions, SensorEvent, Source, exit_code, start_logging};
 

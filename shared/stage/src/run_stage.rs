@@ -1,79 +1,24 @@
 //! The run loop of processors and consumers.
 
-use std::ffi::OsString;
 use std::ops::ControlFlow;
-use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::{Args as _, Command, FromArgMatches as _};
-use evac_frames::{Ack, FrameHeader, Health, Route, StageState, frame_flags};
-use evac_ports::services::{Routes, SinkAck};
-use evac_ports::{Bus, Listener, PortError, RecordPublisher, RecordSubscriber, Wake, now_ns, wait_on};
+use evac_frames::{FrameHeader, Route, StageState, frame_flags};
+use evac_ports::services::Routes;
+use evac_ports::{Bus, Listener, RecordSubscriber, Wake, now_ns, wait_on};
 
+use crate::ack::AckPort;
 use crate::checkpoint::Checkpoints;
 use crate::follow::{Followed, Follower};
 use crate::joins::{Join, JoinOptions};
 use crate::options::Context;
 use crate::role::{Order, Orders, Promotion, Role, Standby};
-use crate::{
-    Readiness, Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, State, exit_code,
-    start_logging,
-};
+use crate::stage_main::prepare;
+use crate::tracer::Tracer;
+use crate::{Readiness, Reporter, RunError, RunOptions, Stage, StageError, StageOutput, State};
 
 /// Kinds of odometry stages; a deskewer beside one of them uses its poses as prior.
 const ODOMETRY_KINDS: &[&str] = &["lio", "loam"];
-
-/// Runs a stage of its own executable: `main` of every stage crate.
-pub fn stage_main<S, J>(args: impl IntoIterator<Item = OsString>) -> ExitCode
-where
-    J: Join,
-    S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-{
-    let options = parse_options(S::NAME, args);
-    start_logging(&options.log);
-    exit_code(S::NAME, run_stage::<S, J>(&options))
-}
-
-/// The command line of a stage's own executable; ends the process with code 2 on wrong usage.
-pub(crate) fn parse_options(name: &'static str, args: impl IntoIterator<Item = OsString>) -> RunOptions {
-    let command = RunOptions::augment_args(Command::new(name).version(env!("CARGO_PKG_VERSION")));
-    let matches = command.get_matches_from(args);
-    RunOptions::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
-}
-
-/// Handles `--print-config` and `--check`; `None` when the process is done with that.
-pub(crate) fn prepare<C: StageConfig>(
-    kind: &'static str,
-    options: &RunOptions,
-) -> Result<Option<(Context, C)>, RunError> {
-    let context = options.context(kind)?;
-    let config: C = context.config()?;
-    if options.print_config {
-        print!("{}", context.with_config(&config)?);
-        return Ok(None);
-    }
-    if options.check {
-        println!("{}: configuration is valid", context.name);
-        return Ok(None);
-    }
-    if let Some(parent) = options.die_with_parent {
-        die_with_parent(parent)?;
-    }
-    Ok(Some((context, config)))
-}
-
-/// Asks the kernel to end this process when the one that started it ends.
-fn die_with_parent(parent: u32) -> Result<(), RunError> {
-    use rustix::process::{Signal, getppid, set_parent_process_death_signal};
-    set_parent_process_death_signal(Some(Signal::TERM))
-        .map_err(|cause| RunError::Peer(format!("cannot follow the launcher: {cause}")))?;
-    // The launcher may have ended before the request: then somebody else is the parent now. (Not always init, and in a
-    // container the launcher may be init.)
-    if getppid().is_none_or(|pid| i64::from(pid.as_raw_pid()) != i64::from(parent)) {
-        return Err(RunError::Peer("the launcher has ended".to_owned()));
-    }
-    Ok(())
-}
 
 /// Where a shadow's output goes.
 fn shadow_bus<S: Stage>(context: &Context) -> Result<Bus, RunError> {
@@ -125,8 +70,10 @@ where
         Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
         None => None,
     };
+    let tracer = Tracer::open(&bus, &context.name, context.epoch)?;
     // Last, because it says that everything is open.
-    let reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
+    let mut reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
+    reporter.tracer = Some(tracer);
     let orders = Orders::new(&context.name, context.epoch);
     let mut running = Running {
         stage,
@@ -251,10 +198,9 @@ where
     }
 
     fn serve(&mut self) -> Result<(), RunError> {
-        if !self.role.processes() {
-            return Ok(());
-        }
-        if let (Some(checkpoints), Some(seq)) = (&self.checkpoints, self.last_seq)
+        // One that has handed over still answers the standby that takes over from it.
+        if let (Some(checkpoints), Some(seq), false) =
+            (&self.checkpoints, self.last_seq, matches!(self.role, Role::Follow(_)))
             && checkpoints.is_wanted()
         {
             let mut state = State::default();
@@ -264,7 +210,7 @@ where
                 tracing::warn!(%cause, "the state for a standby cannot be written");
             }
         }
-        Ok(self.stage.serve(&mut self.output)?)
+        if self.role.processes() { Ok(self.stage.serve(&mut self.output)?) } else { Ok(()) }
     }
 
     fn handle_next(&mut self) -> Result<bool, RunError> {
@@ -422,22 +368,5 @@ where
             }
         }
         Ok(true)
-    }
-}
-
-/// Where a sink says that it is done with a frame.
-struct AckPort {
-    publisher: RecordPublisher<SinkAck>,
-    ack: Ack,
-}
-
-impl AckPort {
-    fn open(bus: &Bus, context: &Context) -> Result<Self, PortError> {
-        let ack = Ack { name: Health::text(&context.name), epoch: context.epoch, ..Ack::default() };
-        Ok(Self { publisher: RecordPublisher::open(bus)?, ack })
-    }
-
-    fn send(&self, seq: u64, finished: bool) -> Result<(), PortError> {
-        self.publisher.publish(&Ack { seq, finished: u32::from(finished), ..self.ack })
     }
 }

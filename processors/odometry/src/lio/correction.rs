@@ -38,6 +38,8 @@ pub(crate) struct Gate {
 struct Information {
     matrix: Measured,
     vector: SVector<f64, MEASURED>,
+    /// See [`Report::seen_information`].
+    seen: Matrix3<f64>,
     /// Sum of squared normalised residuals, and their number: of the present section, as how others lie is part of
     /// their residuals.
     squares: f64,
@@ -64,7 +66,9 @@ pub(crate) struct Report {
     /// The oldest section of the map that is older than the present one and shows the whole position by itself.
     pub(crate) anchor: Option<SectionId>,
     /// Information on the position, 1/m^2, map frame.
-    pub(crate) position_information: SMatrix<f64, 3, 3>,
+    pub(crate) position_information: Matrix3<f64>,
+    /// The same as if the place of every section were known: what the shape of the surroundings shows.
+    pub(crate) seen_information: Matrix3<f64>,
 }
 
 impl Report {
@@ -117,6 +121,7 @@ pub(crate) fn correct(
             if says_much { (information.squares / information.here.max(1) as f64).sqrt() } else { 0.0 };
         report.position_information =
             information.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
+        report.seen_information = information.seen;
         let lu = (SMatrix::identity() + information.matrix * p_measured).lu();
         // Residuals are not evaluated anew with the time offset: its linearisation point stays at zero.
         let mut d_measured = d.fixed_rows::<MEASURED>(0).into_owned();
@@ -143,6 +148,7 @@ fn accumulate(matches: &[Match], state: &State, twist: &Twist, sections: &Sectio
         {
             total.anchor = total.anchor.or(Some(id));
         }
+        total.seen += sum.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION);
         if id == sections.current() {
             total.squares += sum.squares;
             total.here += section.len();
@@ -223,8 +229,8 @@ mod tests {
     use super::super::state::add_variance;
     use super::*;
 
-    #[test]
-    fn a_wall_corrects_the_distance_from_it_and_nothing_along_it() {
+    /// A wall two metres ahead in a map, and every seventh point of it as seen from `shift` off the map's origin.
+    fn wall(shift: Vector3<f64>) -> (PlaneMap, Vec<Selected>) {
         let mut map = PlaneMap::new(4096, 0.02);
         let mut selected = Vec::new();
         for i in 0..8000 {
@@ -233,26 +239,47 @@ mod tests {
                 Vector3::new(2.0 + noise, f64::from(i % 90) * 0.01 - 0.45, f64::from(i / 90) * 0.01 - 0.45);
             map.insert(&point, &Vector3::x());
             if i % 7 == 0 {
-                // Seen from 3 cm nearer than believed, and shifted sideways, which a wall does not show.
-                selected.push(select(&Isometry3::identity(), &(point - Vector3::new(0.03, 0.01, 0.02))));
+                selected.push(select(&Isometry3::identity(), &(point - shift)));
             }
         }
+        (map, selected)
+    }
+
+    fn matched(
+        (map, selected): &(PlaneMap, Vec<Selected>),
+        sections: &Sections,
+        state: &mut State,
+        covariance: &mut Covariance,
+    ) -> Report {
+        let gate = Gate { range_noise: 0.02, floors: &[0.0; 2] };
+        let known = Known { map, sections };
+        correct(&known, selected, state, covariance, &Twist::default(), &gate, &mut Vec::new())
+    }
+
+    #[test]
+    fn a_wall_of_an_older_section_shows_its_direction_though_its_place_is_uncertain() {
+        let mut state = State::at_origin();
+        let mut covariance = Covariance::zeros();
+        add_variance(&mut covariance, at::POSITION, 0.01);
+        let mut sections = Sections::new();
+        sections.begin(&state, &mut covariance);
+        let report = matched(&wall(Vector3::zeros()), &sections, &mut state, &mut covariance);
+        assert_eq!(Degeneracy::of(&report.position_information).count, 3);
+        let open = Degeneracy::of(&report.seen_information);
+        assert_eq!(open.count, 2);
+        assert!(open.axes[..2].iter().all(|axis| axis.x.abs() < 0.1), "{open:?}");
+    }
+
+    #[test]
+    fn a_wall_corrects_the_distance_from_it_and_nothing_along_it() {
+        // Seen from 3 cm nearer than believed, and shifted sideways, which a wall does not show.
+        let seen = wall(Vector3::new(0.03, 0.01, 0.02));
         let mut state = State::at_origin();
         let mut covariance = Covariance::zeros();
         add_variance(&mut covariance, at::ROTATION, 1e-8);
         add_variance(&mut covariance, at::POSITION, 1e-2);
-        let gate = Gate { range_noise: 0.02, floors: &[0.0; 2] };
-        let mut matches = Vec::new();
-        let report = correct(
-            &Known { map: &map, sections: &Sections::new() },
-            &selected,
-            &mut state,
-            &mut covariance,
-            &Twist::default(),
-            &gate,
-            &mut matches,
-        );
-        assert!(report.used > selected.len() / 2, "{report:?}");
+        let report = matched(&seen, &Sections::new(), &mut state, &mut covariance);
+        assert!(report.used > seen.1.len() / 2, "{report:?}");
         assert!((state.position.x - 0.03).abs() < 2e-3, "{:?}", state.position);
         assert!(state.position.yz().norm() < 1e-3, "{:?}", state.position);
         let sigma = |i: usize| covariance[(at::POSITION + i, at::POSITION + i)].sqrt();

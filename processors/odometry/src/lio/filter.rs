@@ -57,6 +57,9 @@ pub(crate) struct Filter {
     pub(crate) rate: Vector3<f64>,
     pub(crate) monitor: Monitor,
     pub(crate) degeneracy: Degeneracy,
+    /// Of these, if any are, the directions that the shape of the surroundings leaves open; the others are open because the place of
+    /// what is seen is not known.
+    pub(crate) open: Degeneracy,
     /// Frames since the start.
     pub(crate) frame: usize,
     pub(crate) settling: Option<Settling>,
@@ -86,6 +89,7 @@ impl Filter {
             rate: Vector3::zeros(),
             monitor: Monitor::default(),
             degeneracy: Degeneracy::default(),
+            open: Degeneracy::default(),
             frame: 0,
             settling: (!start.standing).then_some(Settling::at_start()),
             returning: 0,
@@ -103,6 +107,12 @@ impl Filter {
     pub(crate) fn settle_offset(&mut self) {
         self.started_ns -= (10.0 * OFFSET_SETTLES_S * 1e9) as i64;
         self.withheld = u32::MAX;
+    }
+
+    /// Takes what a match, or none, says about the directions that are not observed.
+    pub(crate) fn observe(&mut self, report: &Report) {
+        self.degeneracy = Degeneracy::of(&report.position_information);
+        self.open = Degeneracy::of(&report.seen_information);
     }
 
     /// Whether noise and gates are those of the loose mode.
@@ -287,8 +297,9 @@ impl Filter {
         let pose = self.covariance.fixed_view::<6, 6>(0, 0) + origin;
         let covariance = lidar_covariance(&self.state, &pose, imu_from_lidar);
         let quality = report.quality();
+        let degeneracy = if self.open.count > 0 { &self.open } else { &self.degeneracy };
         let mut pose =
-            pose_frame(frame, &self.state, covariance, imu_from_lidar, &self.degeneracy, quality, tracking);
+            pose_frame(frame, &self.state, covariance, imu_from_lidar, degeneracy, quality, tracking);
         pose.time_offset_sigma_us = sigma_us(self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)]);
         pose
     }

@@ -1,10 +1,8 @@
 //! What becomes of a match: it is judged, and the scan is mapped, or not.
 
 use evac_frames::TrackingState;
-use evac_geometry::nalgebra::Matrix3;
 
 use super::correction::Report;
-use super::degeneracy::Degeneracy;
 use super::filter::Filter;
 use super::monitor::{Expected, Verdict};
 use super::settling::{Scratch, Settling};
@@ -61,7 +59,7 @@ impl Lio {
             }
             Verdict::Blocked => {
                 (filter.state, filter.covariance) = *predicted;
-                filter.degeneracy = Degeneracy::of(&Matrix3::zeros());
+                filter.observe(&Report::default());
                 return TrackingState::Degenerate;
             }
             Verdict::JustLost => {
@@ -132,7 +130,7 @@ impl Lio {
             if settling.starting {
                 filter.rebase(&self.imu_from_lidar);
             }
-            filter.degeneracy = Degeneracy::of(&Matrix3::zeros());
+            filter.observe(&Report::default());
             return TrackingState::Degenerate;
         }
         self.insert_scan(filter);

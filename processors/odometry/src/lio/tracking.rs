@@ -6,7 +6,6 @@ use evac_geometry::{MotionState, log_so3};
 use evac_stage::{Counters, ScanWithImu};
 
 use super::correction::{Gate, Report, correct};
-use super::degeneracy::Degeneracy;
 use super::deskew::{Deskew, Middle, Twist};
 use super::filter::Filter;
 use super::imu::Reading;
@@ -59,7 +58,7 @@ impl Lio {
                 report = self.correct(&mut filter, &middle, is_led);
             }
         }
-        filter.degeneracy = Degeneracy::of(&report.position_information);
+        filter.observe(&report);
         if !filter.is_finite() {
             (filter.state, filter.covariance) = before;
             filter.loosen();

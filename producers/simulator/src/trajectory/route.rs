@@ -10,8 +10,8 @@ const START_S: f64 = 1.2;
 const SLOPE_ONSET_M: f64 = 0.5;
 /// Places that differ by less need no way.
 const SAME_PLACE_M: f64 = 1e-6;
-/// Headings that differ by less need no turn.
-const SAME_HEADING: f64 = 0.01;
+/// Headings that differ by less need no turn, rad: a turn left out is a jump that no gyroscope sees.
+const SAME_HEADING: f64 = 1e-4;
 
 /// Height gained on a leg.
 #[derive(Debug, Clone, Copy)]

@@ -1,5 +1,6 @@
 //! Every walk of the catalogue is one that a person could have made.
 
+use evac_geometry::log_so3;
 use evac_geometry::nalgebra::Vector3;
 
 use super::*;
@@ -58,6 +59,21 @@ fn the_lidar_keeps_clear_of_everything_and_is_never_inside_anything() {
                 let away = (x - place.x).hypot(y - place.y);
                 assert!(away > 0.6, "{name} at {t} s: somebody {away} m away");
             }
+        }
+    }
+}
+
+#[test]
+fn the_gyroscope_sees_every_turn() {
+    let h = 0.005;
+    for walked in all() {
+        let motions: Vec<_> = walked.motions(h).collect();
+        for pair in motions.windows(2) {
+            let [(_, a), (t, b)] = pair else { continue };
+            let turned = log_so3(&(a.world_from_imu.rotation.inverse() * b.world_from_imu.rotation));
+            let seen = (a.angular_velocity + b.angular_velocity) * (h / 2.0);
+            let hidden = (turned - seen).norm().to_degrees();
+            assert!(hidden < 0.01, "{} at {t} s: {hidden} degrees in one sample", walked.walk.name);
         }
     }
 }
