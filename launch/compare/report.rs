@@ -76,7 +76,7 @@ impl Comparison {
     pub(super) fn table(&self) -> String {
         let [a, b] = &self.sides;
         let mut text = format!(
-            "{}: {} beside {}; {} frames of both, {} of one only\n{:<28} {:>10} {:>10} {:>10} {:>10}\n",
+            "{}: {} beside {}; {} frames of both, {} of one only\n{:<36} {:>10} {:>10} {:>10} {:>10}\n",
             self.about,
             a.name,
             b.name,
@@ -91,7 +91,7 @@ impl Comparison {
         let mut line = |label: &str, spread: Option<Spread>| {
             let Some(Spread { median, p95, max, last }) = spread else { return };
             // Writing to a String cannot fail.
-            let _ = writeln!(text, "{label:<28} {median:>10.3} {p95:>10.3} {max:>10.3} {last:>10.3}");
+            let _ = writeln!(text, "{label:<36} {median:>10.3} {p95:>10.3} {max:>10.3} {last:>10.3}");
         };
         for (index, label) in self.measures.labels.iter().enumerate() {
             line(label, self.spread(|row| row.deviation.get(index).copied()));
@@ -102,7 +102,7 @@ impl Comparison {
         }
         for side in &self.sides {
             if let Some(cpu) = side.cpu_percent {
-                let _ = writeln!(text, "{:<28} {cpu:>10.1}", format!("CPU (%), {}", side.name));
+                let _ = writeln!(text, "{:<36} {cpu:>10.1}", format!("CPU (%), {}", side.name));
             }
         }
         text
@@ -184,8 +184,8 @@ mod tests {
         let table = comparison.table();
         for words in [
             "odometry: lio beside loam #1; 101 frames of both, 3 of one only",
-            "position (mm)                    50.000     95.000    100.000    100.000",
-            "CPU (%), lio                        7.5",
+            "position (mm)                            50.000     95.000    100.000    100.000",
+            "CPU (%), lio                                7.5",
         ] {
             assert!(table.contains(words), "no '{words}' in\n{table}");
         }

@@ -265,9 +265,10 @@ where
     /// Follows the routed instance by one frame, or takes over from it when it was followed to its end.
     fn follow_next(&mut self) -> Result<bool, RunError> {
         let Role::Follow(standby) = &mut self.role else { return Ok(false) };
-        // After its first frame, so that the map's stream has begun by then.
+        // After its first frame, so that the map's stream has begun by then. From one that has died nothing more can be had.
+        let alone = standby.promotion.is_some_and(|promotion| promotion.alone);
         if let (Some(checkpoints), Some(last), false) =
-            (&mut self.checkpoints, self.last_seq, standby.restored)
+            (&mut self.checkpoints, self.last_seq, standby.restored || alone)
         {
             match checkpoints.take() {
                 Some((seq, mut state)) if seq >= last => {
@@ -276,6 +277,7 @@ where
                 }
                 _ => {
                     checkpoints.ask()?;
+                    self.reporter.change(StageState::Following)?;
                     self.join.limit(0);
                     return Ok(false);
                 }
