@@ -106,8 +106,8 @@ impl Passage {
         let mut bar: Vec<char> = (0..BAR).map(|cell| sign((cell as f64 + 0.5) / scale)).collect();
         // However short, it is seen.
         let done = ((hop.done * scale) as usize).min(BAR - 1);
-        if let Some(cell) = bar.get_mut(done).filter(|cell| **cell == ' ') {
-            *cell = '#';
+        if bar.iter().all(|cell| *cell == ' ') {
+            bar.get_mut(done).into_iter().for_each(|cell| *cell = '#');
         }
         bar.into_iter().collect()
     }
