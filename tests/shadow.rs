@@ -3,7 +3,6 @@
 
 mod common;
 #[path = "common/observer.rs"]
-#[allow(dead_code, reason = "jumps are judged in tests/swap.rs")]
 mod observer;
 
 use std::collections::BTreeSet;
