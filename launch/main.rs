@@ -1,6 +1,8 @@
 //! `evac`: the command that starts, watches and stops pipelines, and every stage in one executable.
 
+mod aftermath;
 mod calibrate;
+mod chaos;
 mod check;
 mod child;
 mod cli;
@@ -17,6 +19,7 @@ mod finite;
 mod health_board;
 mod incidents;
 mod live;
+mod producer;
 mod progress;
 mod pulse;
 mod registry;
@@ -62,6 +65,7 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Doctor(args) => doctor::doctor(&args),
         Command::Stage(args) => registry::run_stage(&args),
         Command::Convert(args) => convert::convert(&args),
+        Command::Chaos(args) => chaos::chaos(&args),
         Command::Experiment(args) => experiment::experiment(&args),
         Command::Eval(args) => eval::eval(&args),
     }

@@ -41,6 +41,8 @@ pub(crate) struct Kind {
     pub(crate) reads: &'static [&'static str],
     /// Services it writes.
     pub(crate) writes: &'static [&'static str],
+    /// Whether it keeps a journal.
+    pub(crate) journaled: bool,
     /// Checks its configuration.
     pub(crate) check: fn(&StageEntry) -> Result<(), String>,
     run: fn(&RunOptions) -> Result<(), RunError>,
@@ -96,6 +98,7 @@ where
         role,
         reads: J::SERVICES,
         writes: S::Output::SERVICES,
+        journaled: S::JOURNALED,
         check: check::<S::Config>,
         run: run_one::<S, J>,
     }
@@ -107,6 +110,7 @@ fn source<S: Source>() -> Kind {
         role: Role::Producer,
         reads: &[],
         writes: &["lidar/scan", "imu/sample", "truth/pose"],
+        journaled: false,
         check: check::<S::Config>,
         run: run_source::<S>,
     }
@@ -118,6 +122,7 @@ fn device<D: Device>() -> Kind {
         role: Role::Producer,
         reads: &[],
         writes: D::Output::SERVICES,
+        journaled: false,
         check: check::<D::Config>,
         run: run_device::<D>,
     }

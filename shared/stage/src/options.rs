@@ -26,6 +26,12 @@ pub struct RunOptions {
     /// Follow the routed instance without publishing, until the launcher routes this one
     #[arg(long)]
     pub standby: bool,
+    /// Number of its first frame, in the place of a producer that has ended
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub first_seq: u64,
+    /// Keep a journal in this folder, and go on from it in the place of an instance that was killed
+    #[arg(long, value_name = "DIR")]
+    pub journal: Option<PathBuf>,
     /// Print the configuration that would be used, with every default, and end
     #[arg(long)]
     pub print_config: bool,
@@ -46,6 +52,8 @@ pub(crate) struct Context {
     pub(crate) name: String,
     pub(crate) domain: Domain,
     pub(crate) epoch: u32,
+    /// Number of the first frame, where it is a producer.
+    pub(crate) first_seq: u64,
     pub(crate) mode: Mode,
     pub(crate) rate: f64,
     pub(crate) rig: Rig,
@@ -72,6 +80,7 @@ impl RunOptions {
             name,
             domain: Domain::new(domain.unwrap_or(Domain::DEFAULT))?,
             epoch: self.epoch,
+            first_seq: self.first_seq,
             mode: pipeline.as_ref().map_or(Mode::Live, |p| p.mode),
             rate: pipeline.as_ref().map_or(1.0, |p| p.rate),
             rig: pipeline.as_ref().map_or_else(Rig::default, |p| p.rig),
@@ -86,6 +95,17 @@ impl Context {
         let config: C = self.entry.typed_config().map_err(RunError::Value)?;
         config.check().map_err(|cause| RunError::Value(format!("stage '{}': {cause}", self.name)))?;
         Ok(config)
+    }
+
+    pub(crate) fn scheduling(&self) -> Option<&evac_config::Scheduling> {
+        self.entry.scheduling.as_ref()
+    }
+
+    /// Most bytes of a journal.
+    pub(crate) fn journal_bytes(&self) -> u64 {
+        let supervision =
+            self.pipeline.as_ref().map(|pipeline| pipeline.supervision.clone()).unwrap_or_default();
+        (supervision.journal_max_mib * f64::from(1 << 20)) as u64
     }
 
     /// The whole pipeline file; empty where there is none.
