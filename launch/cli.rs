@@ -48,6 +48,16 @@ pub(crate) enum Command {
     Swap(SwapArgs),
     /// Start a second instance that takes over when the first one dies
     Standby(SwapArgs),
+    /// Run a second instance of a processor on the same input, unheard, to compare it
+    Shadow(ShadowArgs),
+    /// Let what runs as a stage's shadow take its place
+    ///
+    /// A new instance of the shadow's executable and configuration follows the routed one until it could go on in its place, and takes
+    /// over as by `evac swap`: the shadow itself has gone its own way. It is ended afterwards.
+    Promote(PromoteArgs),
+    /// Compare a stage with its shadow, or two odometries over a recording: deviation, latency and CPU
+    #[command(after_help = crate::compare::COMPARE_HELP)]
+    Compare(crate::compare::CompareArgs),
     /// Show every stage of a running pipeline: pid, state, rate, age, losses and latency
     Status(StatusArgs),
     /// Check a pipeline file without starting anything
@@ -143,9 +153,8 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
-    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
-    #[arg(long, conflicts_with = "record")]
-    pub(crate) devices: bool,
+    #[command(flatten)]
+    pub(crate) devices: crate::devices::DevicesArgs,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
@@ -205,6 +214,9 @@ pub(crate) struct MapArgs {
     /// Run live, this many times faster than it was recorded, instead of lossless and as fast as it goes
     #[arg(long, value_name = "FACTOR")]
     pub(crate) rate: Option<f64>,
+    /// Wait for a line on standard input: an empty one lets the next scan go, a number so many, the end of input the rest
+    #[arg(long)]
+    pub(crate) step: bool,
     /// True trajectory; adds the drift to the summary
     #[arg(long, value_name = "TRUTH.tum")]
     pub(crate) truth: Option<PathBuf>,
@@ -251,6 +263,31 @@ pub(crate) struct SwapArgs {
     /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]
     #[arg(long, value_name = "PIPELINE.toml")]
     pub(crate) config: Option<PathBuf>,
+    /// Longest time until the new instance is ready
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
+    pub(crate) patience: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Space of shared-memory services [default: evac]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ShadowArgs {
+    /// End the shadow
+    #[arg(long, conflicts_with_all = ["kind", "run", "config"])]
+    pub(crate) stop: bool,
+    #[command(flatten)]
+    pub(crate) swap: SwapArgs,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct PromoteArgs {
+    /// Name of the stage in the pipeline file; `odometry` is whichever there is
+    #[arg(value_name = "STAGE")]
+    pub(crate) stage: String,
     /// Longest time until the new instance is ready
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
     pub(crate) patience: f64,

@@ -7,6 +7,8 @@ use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, Listener, PortError, RecordSubscriber, now_ns};
 use serde_json::{Value, json};
 
+use crate::device_health::device_json;
+
 /// The newest report of every stage of a domain.
 #[derive(Debug)]
 pub(crate) struct HealthBoard {
@@ -67,7 +69,7 @@ impl HealthBoard {
 
 /// Whether an instance processes frames, as far as it says.
 pub(crate) fn leads(health: &Health) -> bool {
-    let others = [StageState::Following, StageState::Ready, StageState::Retired];
+    let others = [StageState::Following, StageState::Ready, StageState::Retired, StageState::Shadow];
     others.iter().all(|state| *state as u32 != health.state)
 }
 
@@ -86,6 +88,8 @@ pub(crate) fn state_word(health: &Health) -> &'static str {
         "standby"
     } else if state(StageState::Retired) {
         "retired"
+    } else if state(StageState::Shadow) {
+        "shadow"
     } else {
         "failed"
     }
@@ -109,6 +113,7 @@ pub(crate) fn as_json(health: &Health) -> Value {
         "last_seq": health.last_seq,
         "latency": latency_json(health),
         "odometry": odometry_json(health),
+        "device": device_json(health),
     })
 }
 

@@ -6,9 +6,11 @@ mod chaos;
 mod check;
 mod child;
 mod cli;
+mod compare;
 mod control;
 mod convert;
 mod cpu;
+mod device_health;
 mod devices;
 mod doctor;
 mod drift;
@@ -24,6 +26,7 @@ mod progress;
 mod pulse;
 mod registry;
 mod restart;
+mod shadow;
 mod slot;
 mod status;
 mod summary;
@@ -60,6 +63,9 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Down(args) => live::down(&args),
         Command::Swap(args) => control::swap(&args),
         Command::Standby(args) => control::standby(&args),
+        Command::Shadow(args) => control::shadow(&args),
+        Command::Promote(args) => control::promote(&args),
+        Command::Compare(args) => compare::compare(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
         Command::Doctor(args) => doctor::doctor(&args),

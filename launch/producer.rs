@@ -6,14 +6,13 @@ use std::time::{Duration, Instant};
 
 use evac_config::StageEntry;
 use evac_frames::Route;
-use evac_ports::services::{FrameService as _, LidarScan};
 use rustix::process::Signal;
 
 use crate::child::Child;
 use crate::control::{Order, Outcome, Reply, Request};
 use crate::error::LaunchError;
 use crate::pulse::{Beat, Line, line_of};
-use crate::registry::{Role, kind};
+use crate::registry::{Role, SOURCES};
 use crate::supervisor::Supervisor;
 
 /// How long the old instance may take to give its device back.
@@ -220,8 +219,7 @@ impl Supervisor {
         let slot = replacement.slot;
         let epoch = self.slots.get_mut(slot).map_or(0, |slot| slot.take_epoch());
         // A recording says its last scan again, which may have reached some of its readers only; a device cannot.
-        let writes = kind(&replacement.entry.kind)?.writes;
-        let repeats = writes.contains(&LidarScan::NAME) && writes.len() > 1;
+        let repeats = SOURCES.contains(&replacement.entry.kind.as_str());
         let first_seq = match last_seq {
             Some(last) if repeats => last,
             Some(last) => last + 1,

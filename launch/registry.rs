@@ -43,6 +43,8 @@ pub(crate) struct Kind {
     pub(crate) writes: &'static [&'static str],
     /// Whether it keeps a journal.
     pub(crate) journaled: bool,
+    /// Those of them that it writes as it is configured.
+    pub(crate) writes_as: fn(&StageEntry) -> &'static [&'static str],
     /// Checks its configuration.
     pub(crate) check: fn(&StageEntry) -> Result<(), String>,
     run: fn(&RunOptions) -> Result<(), RunError>,
@@ -50,6 +52,11 @@ pub(crate) struct Kind {
 
 /// Kinds of which a pipeline has one: they say where the LiDAR is.
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
+
+/// What a source writes, whichever.
+const SOURCE_SERVICES: &[&str] = &["lidar/scan", "imu/sample", "truth/pose"];
+/// Kinds that know their whole stream: rate and step are theirs.
+pub(crate) const SOURCES: [&str; 2] = [Simulator::NAME, Replay::NAME];
 
 /// All kinds, in the order in which data flows.
 pub(crate) fn kinds() -> [Kind; 12] {
@@ -99,6 +106,7 @@ where
         reads: J::SERVICES,
         writes: S::Output::SERVICES,
         journaled: S::JOURNALED,
+        writes_as: |_| S::Output::SERVICES,
         check: check::<S::Config>,
         run: run_one::<S, J>,
     }
@@ -109,7 +117,8 @@ fn source<S: Source>() -> Kind {
         name: S::NAME,
         role: Role::Producer,
         reads: &[],
-        writes: &["lidar/scan", "imu/sample", "truth/pose"],
+        writes: SOURCE_SERVICES,
+        writes_as: |_| SOURCE_SERVICES,
         journaled: false,
         check: check::<S::Config>,
         run: run_source::<S>,
@@ -123,6 +132,7 @@ fn device<D: Device>() -> Kind {
         reads: &[],
         writes: D::Output::SERVICES,
         journaled: false,
+        writes_as: |entry| entry.typed_config().map_or(D::Output::SERVICES, |config| D::services(&config)),
         check: check::<D::Config>,
         run: run_device::<D>,
     }

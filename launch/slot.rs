@@ -51,6 +51,12 @@ impl Slot {
         Ok(route)
     }
 
+    /// `epoch`, which had handed over, leads again: the one that took over has died. `before` is what was said when it led.
+    pub(crate) fn go_back(&mut self, epoch: u32, before: Option<Route>) -> Result<Route, LaunchError> {
+        (self.epoch, self.route) = (epoch, before);
+        self.go_on()
+    }
+
     /// `epoch` leads after `last_seq`, which an older instance that still lives has dealt with.
     pub(crate) fn hand_over(&mut self, epoch: u32, last_seq: u64) -> Result<Route, LaunchError> {
         let from_seq = if last_seq == NO_SEQ { 0 } else { last_seq.saturating_add(1) };

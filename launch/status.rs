@@ -10,6 +10,7 @@ use evac_stage::RunError;
 use serde_json::{Map, Value, json};
 
 use crate::cli::{DomainArgs, StatusArgs};
+use crate::device_health::device_line;
 use crate::error::LaunchError;
 use crate::health_board::{HealthBoard, age_s, as_json, odometry_line, state_word};
 use crate::incidents::Incidents;
@@ -120,6 +121,9 @@ fn print_table(domain: &Domain, launcher: u32, board: &HealthBoard, incidents: &
             triple(&health.end_to_end),
         );
         if let Some(line) = odometry_line(health) {
+            println!("{:<16} {line}", "");
+        }
+        if let Some(line) = device_line(health) {
             println!("{:<16} {line}", "");
         }
         let reason = evac_frames::Health::text_of(&health.reason);

@@ -24,6 +24,7 @@ use crate::producer::Replacement;
 use crate::pulse::{Pulse, Watch, line_of};
 use crate::registry::Role;
 use crate::restart::Restarts;
+use crate::shadow::Shadows;
 use crate::slot::Slot;
 use crate::swap::Operation;
 
@@ -46,6 +47,7 @@ pub(crate) struct Supervisor {
     pub(crate) operation: Option<Operation>,
     /// Producers between two instances.
     pub(crate) replacements: Vec<Replacement>,
+    pub(crate) shadows: Shadows,
     /// Where crashed stages are started anew.
     pub(crate) restarts: Option<Restarts>,
     /// Stages that died, and what became of them.
@@ -133,9 +135,11 @@ impl Supervisor {
                 log: *log,
                 ringer: bell.ringer(),
                 journals: lasting.then(|| journals(pipeline, domain)).flatten(),
+                step: pipeline.step,
             },
             operation: None,
             replacements: Vec::new(),
+            shadows: Shadows::default(),
             restarts: if lasting { Some(Restarts::open(&bus)?) } else { None },
             incidents: Incidents::of(domain),
             pulse: Pulse::open(&bus)?,
@@ -357,6 +361,10 @@ impl Supervisor {
         // What it has said last is heard before it is forgotten.
         self.board.take_in()?;
         self.board.forget(name, epoch);
+        if epoch > 0 {
+            // Its pipeline file; a shadow's may be gone with its folder.
+            let _ = std::fs::remove_file(self.around.domain.folder().join(format!("{name}-{epoch}.toml")));
+        }
         self.bus.clean_up_dead();
         Ok(())
     }

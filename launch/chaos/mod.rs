@@ -40,6 +40,8 @@ use crate::supervisor::{Progress, Supervisor, Wakeups, interrupted};
 const PIPELINE: &str = include_str!("../pipelines/simulated.toml");
 /// Before the first fault and after the last: every stage has settled, and every fault has shown what it does.
 const SETTLE: Duration = Duration::from_secs(10);
+/// What is held is compared with what was held after this time, or a quarter of a shorter run.
+const BASELINE: Duration = Duration::from_secs(90);
 /// A pipeline that is not whole again after this is broken.
 const PATIENCE: Duration = Duration::from_secs(90);
 /// Two of these are a stutter's period.
@@ -90,7 +92,7 @@ fn pipeline(args: &ChaosArgs) -> Result<Pipeline, LaunchError> {
         return Err(usage(format!("--rate {} must be above 0 and at most 10", args.rate)));
     }
     pipeline.mode = Mode::Live;
-    pipeline.rate = args.rate;
+    pipeline.rate = Some(args.rate);
     pipeline.supervision.hang_after_frames = HANG_FRAMES;
     let seed = i64::try_from(args.seed)
         .map_err(|_| usage(format!("--seed {} is too large; use at most {}", args.seed, i64::MAX)))?;
@@ -185,7 +187,9 @@ impl<'a> Run<'a> {
         if now < self.next {
             return Ok(false);
         }
-        if self.before.is_none() {
+        // Every reader has met the memory of a second writer by then: what is held swings between two bounds.
+        let settled = BASELINE.min(self.end.duration_since(self.started) / 4);
+        if self.before.is_none() && self.started.elapsed() >= settled {
             self.before = Some(Resources::of(supervisor, &self.domain));
         }
         if self.samples.len() as u64 <= self.started.elapsed().as_secs() / 60 {

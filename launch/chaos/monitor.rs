@@ -158,8 +158,8 @@ impl Resources {
         // A reader lets go of a dead writer's memory when it next reads, so what is held swings by some connections.
         [
             grown("files in shared memory", before.shared_files as f64, self.shared_files as f64, 24.0),
-            grown("descriptors of the launcher", before.launcher_fds as f64, self.launcher_fds as f64, 24.0),
-            grown("descriptors of the stages", before.stage_fds as f64, self.stage_fds as f64, 160.0),
+            grown("descriptors of the launcher", before.launcher_fds as f64, self.launcher_fds as f64, 40.0),
+            grown("descriptors of the stages", before.stage_fds as f64, self.stage_fds as f64, 200.0),
             grown("MiB of the launcher", before.launcher_mib, self.launcher_mib, 32.0),
             // The map grows while the walk sees new places; each instance begins with the whole of it.
             grown("MiB of the stages", before.stage_mib, self.stage_mib, 192.0),

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use evac_ports::Domain;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use client::{ask, standby, swap};
+pub(crate) use client::{ask, promote, shadow, standby, swap};
 pub(crate) use server::{Reply, Server};
 
 /// What a launcher can be asked for, one line.
@@ -36,6 +36,12 @@ pub(crate) enum Order {
     Swap,
     /// It follows, and takes over when the routed one dies.
     Standby,
+    /// It goes on beside the routed one, unheard.
+    Shadow,
+    /// The stage's shadow is ended.
+    Unshadow,
+    /// What runs as the stage's shadow takes over.
+    Promote,
 }
 
 /// What a launcher answers, each a line; the last is `Done` or `Failed`.

@@ -30,9 +30,13 @@ pub struct Pipeline {
     /// How frames flow.
     #[serde(default)]
     pub mode: Mode,
-    /// Speed of a recording or the simulator in live mode: 1 is real time, 2 twice as fast.
-    #[serde(default = "real_time")]
-    pub rate: f64,
+    /// Speed of a recording or the simulator: 1 is real time, 2 twice as fast. Where it is absent, a live stream runs
+    /// in real time and a lossless one as fast as its sinks; where it is given, a lossless one runs no faster than it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
+    /// A recording or the simulator waits before each scan for a line on standard input.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub step: bool,
     /// Where the sensors sit.
     #[serde(default)]
     pub rig: Rig,
@@ -42,10 +46,6 @@ pub struct Pipeline {
     /// The stages.
     #[serde(default, rename = "stage")]
     pub stages: Vec<StageEntry>,
-}
-
-fn real_time() -> f64 {
-    1.0
 }
 
 /// One `[[stage]]`.
@@ -116,8 +116,10 @@ impl Pipeline {
     }
 
     fn check(&self) -> Result<(), String> {
-        if !(self.rate.is_finite() && self.rate > 0.0 && self.rate <= 1000.0) {
-            return Err(format!("rate = {} must be above 0 and at most 1000", self.rate));
+        if let Some(rate) = self.rate
+            && !(rate.is_finite() && rate > 0.0 && rate <= 1000.0)
+        {
+            return Err(format!("rate = {rate} must be above 0 and at most 1000"));
         }
         self.rig.check()?;
         self.supervision.check()?;

@@ -9,6 +9,7 @@
 //! coordinates to map coordinates).
 
 mod attitude;
+mod device;
 mod health;
 mod layout;
 mod map;
@@ -17,6 +18,7 @@ mod route;
 mod scan;
 
 pub use attitude::{ImuAttitude, attitude_flags};
+pub use device::{DeviceHealth, DeviceKind, NO_DEVICE_STATE, NO_TEMPERATURE};
 pub use health::{Ack, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 pub use layout::{Field, Layout, layout_hash};
 pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};

@@ -1,6 +1,6 @@
 //! A stage's report about itself: counters and latency percentiles, each second and once at its end.
 
-use evac_frames::{FrameHeader, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
+use evac_frames::{DeviceHealth, FrameHeader, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, PortError, RecordPublisher, now_ns};
 use hdrhistogram::Histogram;
@@ -31,6 +31,8 @@ pub struct Reporter {
     pub(crate) journal_dropped: u64,
     /// Frames that never came one by one, newest last: first and last.
     missed: Vec<(u64, u64)>,
+    /// How the device fares, where the stage is a driver.
+    pub device: DeviceHealth,
     last_report: (i64, u64),
 }
 
@@ -81,6 +83,7 @@ impl Reporter {
             odometry: OdometryHealth::default(),
             journal_dropped: 0,
             missed: Vec::new(),
+            device: DeviceHealth::default(),
             last_report: (now_ns(), 0),
         }
     }
@@ -209,6 +212,7 @@ impl Reporter {
         self.health.rejected = self.counters.rejected + self.input.imu_rejected;
         self.health.imu_lost = self.input.imu_lost;
         self.health.odometry = self.odometry;
+        self.health.device = self.device;
         self.health.ipc = self.ipc.summary();
         self.health.compute = self.compute.summary();
         self.health.end_to_end = self.end_to_end.summary();

@@ -23,6 +23,7 @@ mod health;
 mod input;
 pub mod joins;
 mod journal;
+mod lidar_output;
 mod logging;
 mod options;
 mod output;
@@ -34,6 +35,7 @@ mod run_stage;
 mod scheduling;
 mod source;
 mod stage;
+mod step;
 mod tracking;
 
 pub use check::check_range;
@@ -45,6 +47,7 @@ pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
 pub use journal::Entry;
+pub use lidar_output::LidarOutput;
 pub use logging::{LogOptions, start_logging};
 pub use options::RunOptions;
 pub use output::{

@@ -33,9 +33,10 @@ pub fn run_device<D: Device>(options: &RunOptions) -> Result<(), RunError> {
             context.name
         ))));
     }
+    let services = D::services(&config);
     let mut device = D::new(config, &context.rig)?;
     let bus = Bus::join(&context.domain, &context.name)?;
-    let mut output = D::Output::open(&bus, context.epoch)?;
+    let mut output = D::Output::open_only(&bus, context.epoch, services)?;
     output.count_from(context.first_seq);
     let mut reporter = Reporter::open(&bus, &context.name, context.epoch)?;
     let served = serve(&mut device, &mut output, &mut reporter, &bus);

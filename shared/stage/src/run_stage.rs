@@ -79,6 +79,17 @@ fn die_with_parent(parent: u32) -> Result<(), RunError> {
     Ok(())
 }
 
+/// Where a shadow's output goes.
+fn shadow_bus<S: Stage>(context: &Context) -> Result<Bus, RunError> {
+    if <S::Output as StageOutput>::IS_SINK {
+        return Err(RunError::Value(format!(
+            "'{}' writes files, and a shadow would write over them; only processors can be shadows",
+            context.name
+        )));
+    }
+    Ok(Bus::join(&context.domain.of_shadows()?, &context.name)?)
+}
+
 /// Runs a stage until its stream ends or SIGTERM comes.
 ///
 /// # Errors
@@ -99,13 +110,20 @@ where
     listeners.push(route_listener);
     let mut role = Role::Lead;
     let mut state = StageState::Waiting;
-    if options.standby {
+    if options.standby || options.shadow {
         let (follower, own_listeners) = <S::Output as Followed>::Follower::open(&bus, &context.name)?;
         listeners.extend(own_listeners);
-        role = Role::Follow(Box::new(Standby { follower, promotion: None, ended: false, restored: false }));
+        role = Role::Follow(Box::new(Standby {
+            follower,
+            promotion: None,
+            shadow: options.shadow,
+            ended: false,
+            restored: false,
+        }));
         state = StageState::Following;
     }
-    let output = S::Output::open(&bus, context.epoch)?;
+    let shadows = if options.shadow { Some(shadow_bus::<S>(&context)?) } else { None };
+    let output = S::Output::open(shadows.as_ref().unwrap_or(&bus), context.epoch)?;
     let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
     let checkpoints = match ack {
         Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
@@ -259,7 +277,7 @@ where
     }
 
     fn serve(&mut self) -> Result<(), RunError> {
-        if !self.role.leads() {
+        if !self.role.processes() {
             return Ok(());
         }
         if let (Some(checkpoints), Some(seq)) = (&self.checkpoints, self.last_seq)
@@ -277,7 +295,7 @@ where
 
     fn handle_next(&mut self) -> Result<bool, RunError> {
         match &self.role {
-            Role::Lead => self.process_next(),
+            Role::Lead | Role::Shadow => self.process_next(),
             Role::Follow(_) => self.follow_next(),
             Role::Retired => Ok(false),
         }
@@ -301,6 +319,9 @@ where
             reporter.begin();
             stage.process(input, output, &mut reporter.counters)?;
             reporter.odometry = output.odometry();
+            if !stage.note().is_empty() {
+                reporter.note(stage.note());
+            }
             reporter.done(frame, complete_ns);
             Ok::<FrameHeader, StageError>(*frame)
         });
@@ -359,7 +380,8 @@ where
 
     fn end(&mut self) -> Result<(), RunError> {
         self.stage.finish()?;
-        Ok(self.reporter.end(StageState::Finished, "")?)
+        let state = if self.role.leads() { StageState::Finished } else { StageState::Shadow };
+        Ok(self.reporter.end(state, "")?)
     }
 
     /// Follows the routed instance by one frame, or takes over from it when it was followed to its end.
@@ -421,11 +443,24 @@ where
         standby.restored &= self.last_seq.is_none_or(|last| handled <= last.saturating_add(1));
         self.last_seq = Some(handled);
         self.reporter.followed(handled);
+        if standby.shadow && readiness == Some(Readiness::Ready) {
+            return self.go_beside(handled);
+        }
         match readiness {
             Some(Readiness::Following) => self.reporter.change(StageState::Following)?,
             Some(Readiness::Ready) => self.reporter.change(StageState::Ready)?,
             None => {}
         }
+        Ok(true)
+    }
+
+    /// From the next frame on it goes by itself.
+    fn go_beside(&mut self, last_seq: u64) -> Result<bool, RunError> {
+        self.role = Role::Shadow;
+        self.leads_from = last_seq.saturating_add(1);
+        self.join.limit(u64::MAX);
+        self.reporter.forget();
+        self.reporter.change(StageState::Shadow)?;
         Ok(true)
     }
 
