@@ -10,7 +10,7 @@ use evac_stage::LogOptions;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use crate::error::LaunchError;
-use crate::registry::SOURCES;
+use crate::registry::{SOURCES, kind};
 
 /// One process of a stage.
 #[derive(Debug)]
@@ -32,6 +32,8 @@ pub(crate) struct Surroundings {
     pub(crate) domain: Domain,
     pub(crate) log: LogOptions,
     pub(crate) ringer: Ringer,
+    /// Folder of the journals, where stages that crash are started again.
+    pub(crate) journals: Option<PathBuf>,
     /// A source waits for lines, which the launcher hands on: in a process group of its own it may not read a terminal.
     pub(crate) step: bool,
 }
@@ -41,6 +43,27 @@ impl Child {
         entry: &StageEntry,
         file: &Path,
         (epoch, standby): (u32, bool),
+        around: &Surroundings,
+    ) -> Result<Self, LaunchError> {
+        let more: &[&str] = if standby { &["--standby"] } else { &[] };
+        Self::spawn_with(entry, file, epoch, more, around)
+    }
+
+    /// A producer that counts from `first_seq`.
+    pub(crate) fn spawn_producer(
+        entry: &StageEntry,
+        file: &Path,
+        (epoch, first_seq): (u32, u64),
+        around: &Surroundings,
+    ) -> Result<Self, LaunchError> {
+        Self::spawn_with(entry, file, epoch, &["--first-seq", &first_seq.to_string()], around)
+    }
+
+    fn spawn_with(
+        entry: &StageEntry,
+        file: &Path,
+        epoch: u32,
+        more: &[&str],
         around: &Surroundings,
     ) -> Result<Self, LaunchError> {
         let (executable, arguments) = executable(entry)?;
@@ -58,8 +81,12 @@ impl Child {
         if epoch > 0 {
             command.args(["--epoch".to_owned(), epoch.to_string()]);
         }
-        if standby {
-            command.arg("--standby");
+        command.args(more);
+        if let Some(folder) = &around.journals
+            && entry.run.is_none()
+            && kind(&entry.kind)?.journaled
+        {
+            command.arg("--journal").arg(folder.join(entry.name()));
         }
         let steps = around.step && SOURCES.contains(&entry.kind.as_str());
         if steps {

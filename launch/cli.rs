@@ -86,6 +86,11 @@ pub(crate) enum Command {
     Convert(crate::convert::ConvertArgs),
     /// Measure the odometry: accuracy, faults, the paper's Table 1, an hour's walk
     Experiment(crate::experiment::ExperimentArgs),
+    /// Kill, stop, slow and swap stages at random while a simulated walk goes on, and check what must hold
+    ///
+    /// No frame lost or doubled at the sinks beyond what is stated, no stall of the producer, no leak of shared memory, descriptors or
+    /// memory, and the saved map equal to the mapper's. Prints a table and writes chaos.json; code 1 where something did not hold.
+    Chaos(crate::chaos::ChaosArgs),
     /// Compare trajectories with the truth
     ///
     /// Prints APE, RPE, end drift and the heights' figures of every estimate, and writes evaluation.json, path.png (from

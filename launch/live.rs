@@ -24,8 +24,7 @@ pub(crate) fn up(args: &UpArgs) -> Result<(), LaunchError> {
         .map_err(|cause| LaunchError::Path(format!("{}: {cause}", args.pipeline.display())))?;
     let name = args.domain.as_deref().or(pipeline.domain.as_deref()).unwrap_or(Domain::DEFAULT);
     let domain = Domain::new(name)?;
-    let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, &domain, &args.log)?;
-    supervisor.restart_crashed()?;
+    let (mut supervisor, wakeups) = Supervisor::start_lasting(&pipeline, &file, &domain, &args.log)?;
     tracing::info!(domain = name, stages = pipeline.stages.len(), "all stages are up");
     let ended = wakeups.wait(|_| {
         let progress = drain(&mut supervisor);

@@ -1,6 +1,8 @@
 //! `evac`: the command that starts, watches and stops pipelines, and every stage in one executable.
 
+mod aftermath;
 mod calibrate;
+mod chaos;
 mod check;
 mod child;
 mod cli;
@@ -19,6 +21,7 @@ mod finite;
 mod health_board;
 mod incidents;
 mod live;
+mod producer;
 mod progress;
 mod pulse;
 mod registry;
@@ -79,6 +82,7 @@ fn run(command: Command) -> Result<(), LaunchError> {
             Ok(())
         }
         Command::Convert(args) => convert::convert(&args),
+        Command::Chaos(args) => chaos::chaos(&args),
         Command::Experiment(args) => experiment::experiment(&args),
         Command::Eval(args) => eval::eval(&args),
     }

@@ -41,6 +41,8 @@ pub(crate) struct Kind {
     pub(crate) reads: &'static [&'static str],
     /// Services it writes.
     pub(crate) writes: &'static [&'static str],
+    /// Whether it keeps a journal.
+    pub(crate) journaled: bool,
     /// Those of them that it writes as it is configured.
     pub(crate) writes_as: fn(&StageEntry) -> &'static [&'static str],
     /// Checks its configuration.
@@ -103,6 +105,7 @@ where
         role,
         reads: J::SERVICES,
         writes: S::Output::SERVICES,
+        journaled: S::JOURNALED,
         writes_as: |_| S::Output::SERVICES,
         check: check::<S::Config>,
         run: run_one::<S, J>,
@@ -116,6 +119,7 @@ fn source<S: Source>() -> Kind {
         reads: &[],
         writes: SOURCE_SERVICES,
         writes_as: |_| SOURCE_SERVICES,
+        journaled: false,
         check: check::<S::Config>,
         run: run_source::<S>,
     }
@@ -127,6 +131,7 @@ fn device<D: Device>() -> Kind {
         role: Role::Producer,
         reads: &[],
         writes: D::Output::SERVICES,
+        journaled: false,
         writes_as: |entry| entry.typed_config().map_or(D::Output::SERVICES, |config| D::services(&config)),
         check: check::<D::Config>,
         run: run_device::<D>,

@@ -2,7 +2,8 @@
 //! one's output, and leads.
 //!
 //! Inputs that were under way come from the history that their writers keep, 16 frames of each. Of an odometry the launcher remembers
-//! as many poses, so that a new one lays its map from these scans and goes on in the same map frame. A mapper begins a new map.
+//! as many poses, so that a new one lays its map from these scans and goes on in the same map frame. Mapper and sinks go on from their
+//! journals (`evac-stage`), producers with the next frame (`producer.rs`).
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -87,19 +88,16 @@ impl Restarts {
 }
 
 impl Supervisor {
-    /// From now on a stage that crashes is started anew instead of ending the pipeline.
-    pub(crate) fn restart_crashed(&mut self) -> Result<(), LaunchError> {
-        self.restarts = Some(Restarts::open(&self.bus)?);
-        Ok(())
-    }
-
     /// Plans the restart of a stage whose instance `child` has died; false where there will be none.
     pub(crate) fn plan_restart(&mut self, slot: usize, child: (&str, u32)) -> Result<bool, LaunchError> {
-        // A producer counts its frames from zero, which would be old ones to all others.
         let is_producer = self.slots.get(slot).is_none_or(|slot| slot.role == Role::Producer);
-        let crashed = !is_producer && self.child(child.0, child.1).is_some_and(crashed);
+        let crashed = self.child(child.0, child.1).is_some_and(crashed);
         let Some(restarts) = self.restarts.as_mut().filter(|_| crashed) else { return Ok(false) };
         let Some(wait) = restarts.back_off(slot) else { return Ok(false) };
+        if is_producer {
+            self.replace_dead_producer(slot, wait);
+            return Ok(true);
+        }
         restarts.under_way.retain(|restart| restart.slot != slot);
         restarts.under_way.push(Restart { slot, due: Instant::now() + wait, epoch: None });
         Ok(true)

@@ -1,5 +1,6 @@
 #!/bin/sh
-# Starts a pipeline file as a robot's boot script would, and starts it again when it fails.
+# Starts a pipeline file as a robot's boot script would, and starts it again when it fails. For machines without systemd;
+# launch/systemd/evac.service does the same with a sandbox.
 #   launch/robot.sh PIPELINE.toml
 # EVAC names the executable (default: evac in PATH). Logs are JSON lines on standard error.
 # SIGTERM ends the pipeline: evac stops its stages in order and leaves nothing behind.

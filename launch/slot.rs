@@ -79,6 +79,11 @@ impl Slot {
         self.lead(self.epoch, from_seq, route_flags::ALONE)
     }
 
+    /// `epoch` leads from `first_seq` on, and no other lives.
+    pub(crate) fn follow_on(&mut self, epoch: u32, first_seq: u64) -> Result<Route, LaunchError> {
+        self.lead(epoch, first_seq, route_flags::ALONE)
+    }
+
     /// `epoch` leads after an instance that has died without a word.
     pub(crate) fn take_over(&mut self, epoch: u32) -> Result<Route, LaunchError> {
         self.lead(epoch, 0, route_flags::ALONE)

@@ -14,11 +14,13 @@ use evac_ports::{
 use evac_stage::LogOptions;
 use rustix::process::Signal;
 
+use crate::aftermath::{Aftermath, Roll};
 use crate::child::{Child, Surroundings};
 use crate::control::{Order, Server};
 use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
 use crate::incidents::{Incident, Incidents};
+use crate::producer::Replacement;
 use crate::pulse::{Pulse, Watch, line_of};
 use crate::registry::Role;
 use crate::restart::Restarts;
@@ -43,6 +45,8 @@ pub(crate) struct Supervisor {
     pub(crate) board: HealthBoard,
     pub(crate) around: Surroundings,
     pub(crate) operation: Option<Operation>,
+    /// Producers between two instances.
+    pub(crate) replacements: Vec<Replacement>,
     pub(crate) shadows: Shadows,
     /// Where crashed stages are started anew.
     pub(crate) restarts: Option<Restarts>,
@@ -50,6 +54,7 @@ pub(crate) struct Supervisor {
     pub(crate) incidents: Incidents,
     pub(crate) pulse: Pulse,
     watch: Watch,
+    roll: Roll,
     control: Server,
     acks: RecordSubscriber<SinkAck>,
     routes: RecordPublisher<Routes>,
@@ -91,10 +96,33 @@ impl Supervisor {
         domain: &Domain,
         log: &LogOptions,
     ) -> Result<(Self, Wakeups), LaunchError> {
+        Self::start_stages(pipeline, file, domain, log, false)
+    }
+
+    /// As [`Self::start`], where a stage that crashes is started again instead of ending the pipeline.
+    pub(crate) fn start_lasting(
+        pipeline: &Pipeline,
+        file: &Path,
+        domain: &Domain,
+        log: &LogOptions,
+    ) -> Result<(Self, Wakeups), LaunchError> {
+        Self::start_stages(pipeline, file, domain, log, true)
+    }
+
+    fn start_stages(
+        pipeline: &Pipeline,
+        file: &Path,
+        domain: &Domain,
+        log: &LogOptions,
+        lasting: bool,
+    ) -> Result<(Self, Wakeups), LaunchError> {
+        let mut aftermath = Aftermath::find(domain);
         let lock = domain.lock()?;
+        aftermath.clean(domain);
         Shadows::clean_up(domain)?;
         let bus = Bus::join(domain, "launcher")?;
         bus.clean_up_dead();
+        aftermath.say(domain);
         let (board, health_listener) = HealthBoard::open(&bus)?;
         let (acks, ack_listener) = RecordSubscriber::open(&bus)?;
         let bell = Doorbell::new()?;
@@ -107,14 +135,17 @@ impl Supervisor {
                 domain: domain.clone(),
                 log: *log,
                 ringer: bell.ringer(),
+                journals: lasting.then(|| journals(pipeline, domain)).flatten(),
                 step: pipeline.step,
             },
             operation: None,
+            replacements: Vec::new(),
             shadows: Shadows::default(),
-            restarts: None,
+            restarts: if lasting { Some(Restarts::open(&bus)?) } else { None },
             incidents: Incidents::of(domain),
             pulse: Pulse::open(&bus)?,
             watch: Watch::default(),
+            roll: Roll::default(),
             control: Server::start(domain, bell.ringer())?,
             acks,
             routes: RecordPublisher::open(&bus)?,
@@ -169,6 +200,7 @@ impl Supervisor {
         for child in &mut self.children {
             child.look()?;
         }
+        self.roll.keep(&self.around.domain, &self.children);
         self.greet()?;
         self.feel_pulse()?;
         while let Some((request, mut reply)) = self.control.next() {
@@ -180,9 +212,11 @@ impl Supervisor {
         }
         self.operate()?;
         self.replace_dead()?;
+        self.replace_producers()?;
         self.restart()?;
         // The stage that failed first is the cause; others may follow because of it.
-        let mut leading = self.children.iter().filter(|child| self.leads(child));
+        let mut leading =
+            self.children.iter().filter(|child| self.leads(child) && !self.is_replacing(&child.name));
         if let Some(child) = leading.clone().find(|child| child.ended.is_some_and(|status| !status.success()))
         {
             return Err(child.failure());
@@ -272,7 +306,8 @@ impl Supervisor {
             let dead = self
                 .children
                 .iter()
-                .find(|child| child.name == slot.name() && self.leads(child) && died(child));
+                .find(|child| child.name == slot.name() && self.leads(child) && died(child))
+                .filter(|child| !self.is_replacing(&child.name));
             let Some(dead) = dead else { continue };
             let (name, old, cause) = (dead.name.clone(), dead.epoch, dead.failure());
             if let Some((epoch, pid)) = self.ready_standby(index) {
@@ -332,6 +367,10 @@ impl Supervisor {
         // What it has said last is heard before it is forgotten.
         self.board.take_in()?;
         self.board.forget(name, epoch);
+        if epoch > 0 {
+            // Its pipeline file; a shadow's may be gone with its folder.
+            let _ = std::fs::remove_file(self.around.domain.folder().join(format!("{name}-{epoch}.toml")));
+        }
         self.bus.clean_up_dead();
         Ok(())
     }
@@ -397,7 +436,8 @@ impl Supervisor {
         result
     }
 
-    fn stop_role(&mut self, role: Role) -> Result<(), LaunchError> {
+    /// Ends all stages of a role.
+    pub(crate) fn stop_role(&mut self, role: Role) -> Result<(), LaunchError> {
         let of_role: Vec<_> = (0..self.children.len())
             .filter(|index| self.children.get(*index).and_then(|child| self.role_of(child)) == Some(role))
             .collect();
@@ -447,8 +487,22 @@ impl Drop for Supervisor {
             // The child is gone either way; there is nobody left to tell.
             let _ = child.kill();
         }
+        if let Some(folder) = &self.around.journals {
+            // Whoever begins anew has no use for them. Where none was begun there is nothing to remove.
+            let _ = std::fs::remove_dir_all(folder);
+        }
         self.bus.clean_up_dead();
     }
+}
+
+/// Folder of a domain's journals, where the pipeline keeps any.
+fn journals(pipeline: &Pipeline, domain: &Domain) -> Option<std::path::PathBuf> {
+    let supervision = &pipeline.supervision;
+    let folder = match &supervision.state_dir {
+        Some(folder) => folder.join(domain.name()),
+        None => domain.folder().join("journal"),
+    };
+    supervision.journal.then(|| std::path::absolute(&folder).unwrap_or(folder))
 }
 
 /// Names of the stages that report frames lost, with their numbers.

@@ -13,7 +13,7 @@ use rustix::process::Signal;
 use crate::child::Child;
 use crate::control::{Order, Outcome, Reply, Request};
 use crate::error::LaunchError;
-use crate::registry::{ODOMETRIES, Role, kind};
+use crate::registry::{ODOMETRIES, kind};
 use crate::supervisor::Supervisor;
 
 /// How long the old instance may take to finish the frame that it is at, before it is taken for hung and killed.
@@ -58,6 +58,9 @@ enum Phase {
 impl Supervisor {
     /// Takes up a request, or says why not.
     pub(crate) fn take_request(&mut self, request: &Request, mut reply: Reply) {
+        if let Some(slot) = self.producer(&request.stage) {
+            return self.take_producer_request(slot, request, reply);
+        }
         if request.order == Order::Unshadow {
             return self.end_shadow_by_request(request, reply);
         }
@@ -134,14 +137,29 @@ impl Supervisor {
         }
         crate::check::check(&pipeline).map_err(LaunchError::Path)?;
         let epoch = self.slots.get_mut(slot).map_or(0, |slot| slot.take_epoch());
-        let file = self.around.domain.folder().join(format!("{}-{epoch}.toml", entry.name()));
-        let text = toml::to_string(&pipeline)
-            .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
-        write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        let file = self.write_pipeline(slot, entry, epoch)?;
         let child = Child::spawn(started, &file, (epoch, standby), &self.around)?;
         let pid = child.pid();
         self.children.push(child);
         Ok((epoch, pid))
+    }
+
+    /// The pipeline file of an instance, in the domain's folder.
+    pub(crate) fn write_pipeline(
+        &self,
+        slot: usize,
+        entry: &StageEntry,
+        epoch: u32,
+    ) -> Result<PathBuf, LaunchError> {
+        let mut pipeline = self.pipeline.clone();
+        if let Some(place) = pipeline.stages.get_mut(slot) {
+            *place = entry.clone();
+        }
+        let file = self.around.domain.folder().join(format!("{}-{epoch}.toml", entry.name()));
+        let text = toml::to_string(&pipeline)
+            .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
+        write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        Ok(file)
     }
 
     /// The stage by its name; `odometry` is whichever there is.
@@ -156,11 +174,6 @@ impl Supervisor {
                 names.join(", ")
             )));
         };
-        if slot.role == Role::Producer {
-            return Err(LaunchError::Path(format!(
-                "'{name}' is a producer, of which one at a time has the sensor; stop the pipeline to replace it"
-            )));
-        }
         if slot.entry.kind == Recorder::NAME {
             return Err(LaunchError::Path(format!(
                 "'{name}' records, and a second one beside it would write over its files; run another recorder into another folder"
@@ -170,7 +183,7 @@ impl Supervisor {
     }
 
     /// The new instance's entry of the pipeline.
-    fn entry_for(&self, slot: usize, request: &Request) -> Result<StageEntry, LaunchError> {
+    pub(crate) fn entry_for(&self, slot: usize, request: &Request) -> Result<StageEntry, LaunchError> {
         let Some(old) = self.slots.get(slot).map(|slot| &slot.entry) else {
             return Err(LaunchError::Path("no such stage".to_owned()));
         };

@@ -185,7 +185,7 @@ fn an_instance_that_dies_hangs_or_is_wrong_leaves_the_old_one_as_it_was() {
     refused(&["swap", "lio", "--run", &path(&dead)], &["code 4", "goes on"]);
     refused(&["swap", "lio", "--run", "/nowhere/lio"], &["/nowhere/lio"]);
     refused(&["swap", "lio", "--kind", "deskewer"], &["odometry/pose"]);
-    refused(&["swap", "simulator"], &["producer"]);
+    refused(&["standby", "simulator"], &["producer"]);
     refused(&["swap", "walker"], &["walker", "octree_mapper"]);
     let other = bench
         .write("other.toml", "[[stage]]\nkind = \"octree_mapper\"\n[stage.config]\nresolution_m = 0.2\n");

@@ -1,11 +1,14 @@
 //! The launcher's side: a thread that reads requests and rings.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::os::unix::fs::PermissionsExt as _;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use evac_ports::{Domain, Ringer};
+
+use rustix::net::sockopt::socket_peercred;
 
 use super::{Answer, Outcome, Request, StageWord, socket};
 use crate::error::LaunchError;
@@ -32,6 +35,7 @@ impl Server {
             std::fs::remove_file(&path).map_err(refused)?;
         }
         let listener = UnixListener::bind(&path).map_err(refused)?;
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).map_err(refused)?;
         let (sender, requests) = channel();
         std::thread::Builder::new()
             .name("control".to_owned())
@@ -57,12 +61,31 @@ fn receive(stream: UnixStream, sender: &Sender<(Request, Reply)>) {
         reply.stream = Some(stream.try_clone()?);
         BufReader::new(stream.take(LONGEST_REQUEST)).read_line(&mut line)
     });
-    match read.map_err(|cause| cause.to_string()).and_then(|_| {
-        serde_json::from_str(&line).map_err(|cause| format!("not a request of this version of evac: {cause}"))
-    }) {
+    match read.map_err(|cause| cause.to_string()).and_then(|_| who_asks(reply.stream.as_ref())).and_then(
+        |()| {
+            serde_json::from_str(&line)
+                .map_err(|cause| format!("not a request of this version of evac: {cause}"))
+        },
+    ) {
         // Nobody listens any more where the launcher is on its way out.
         Ok(request) => drop(sender.send((request, reply))),
         Err(cause) => reply.fail(&cause),
+    }
+}
+
+/// The folder lets nobody else in but root; requests are this user's alone.
+fn who_asks(stream: Option<&UnixStream>) -> Result<(), String> {
+    let own = rustix::process::geteuid();
+    let asks =
+        stream.map(socket_peercred).transpose().map_err(|cause| format!("nobody knows who asks: {cause}"))?;
+    match asks {
+        Some(peer) if peer.uid == own => Ok(()),
+        Some(peer) => Err(format!(
+            "the pipeline belongs to user {}, and user {} asks; run the command as that user (sudo -u)",
+            own.as_raw(),
+            peer.uid.as_raw()
+        )),
+        None => Err("nobody knows who asks".to_owned()),
     }
 }
 

@@ -36,7 +36,9 @@ use std::fs;
 use evac_formats::FormatError;
 use evac_formats::occupancy_grid::{self, OccupancyGrid};
 use evac_frames::{Ack, FrameHeader, GridHeader, MapHeader, TrackingState, frame_flags, map_flags};
-use evac_stage::{Counters, GridOutput, PlanInput, Readiness, Rig, Stage, StageConfig, StageError, State};
+use evac_stage::{
+    Counters, Entry, GridOutput, PlanInput, Readiness, Rig, Stage, StageConfig, StageError, State,
+};
 
 pub use config::{GridExporterConfig, Mode};
 
@@ -64,6 +66,8 @@ pub struct GridExporter {
     unsaved: bool,
     /// A standby's: it has the way from before it came.
     is_loaded: bool,
+    /// The newest position of the path, until it is in the journal.
+    passed: Option<[f64; 3]>,
 }
 
 /// What depends on the map's resolution.
@@ -75,6 +79,7 @@ struct Map {
 
 impl Stage for GridExporter {
     const NAME: &'static str = "grid_exporter";
+    const JOURNALED: bool = true;
     type Config = GridExporterConfig;
     type Input<'a> = PlanInput<'a>;
     type Output = GridOutput;
@@ -99,6 +104,7 @@ impl Stage for GridExporter {
             unpublished: false,
             unsaved: false,
             is_loaded: false,
+            passed: None,
         })
     }
 
@@ -134,12 +140,32 @@ impl Stage for GridExporter {
     }
 
     fn load_state(&mut self, state: &mut State, _seq: u64) -> Result<(), StageError> {
-        self.path.load(state)?;
-        if let Some(map) = &mut self.map {
-            map.walk = Walk::new(map.raster);
-            self.path.points().for_each(|position| map.walk.push(position));
-        }
+        self.load_path(state)?;
         self.is_loaded = true;
+        Ok(())
+    }
+
+    /// The path; the map is the mapper's, who gives it to whoever asks.
+    fn write_down(&mut self, entry: &mut Entry, whole: bool) {
+        let passed = self.passed.take();
+        if whole {
+            entry.added.put(WHOLE_PATH);
+            self.path.save(&mut entry.added);
+        } else if let Some(position) = passed {
+            entry.added.put(POSITION);
+            entry.added.put_reals(&position);
+        }
+    }
+
+    fn read_back(&mut self, entry: &mut Entry) -> Result<(), StageError> {
+        while !entry.added.is_at_end() {
+            if entry.added.number()? == WHOLE_PATH {
+                self.load_path(&mut entry.added)?;
+            } else {
+                // What was kept once is kept again.
+                self.path.push(entry.added.reals()?);
+            }
+        }
         Ok(())
     }
 
@@ -151,7 +177,20 @@ impl Stage for GridExporter {
     }
 }
 
+/// What comes next in the journal.
+const POSITION: u64 = 0;
+const WHOLE_PATH: u64 = 1;
+
 impl GridExporter {
+    fn load_path(&mut self, state: &mut State) -> Result<(), StageError> {
+        self.path.load(state)?;
+        if let Some(map) = &mut self.map {
+            map.walk = Walk::new(map.raster);
+            self.path.points().for_each(|position| map.walk.push(position));
+        }
+        Ok(())
+    }
+
     fn gather(&mut self, input: &PlanInput<'_>, counters: &mut Counters) {
         if self.prepare(input.map.header) {
             let refused = input.map.voxels.iter().filter(|voxel| self.columns.apply(voxel).is_err()).count();
@@ -163,8 +202,11 @@ impl GridExporter {
         let lost = matches!(input.pose.tracking_state(), None | Some(TrackingState::Lost));
         if lost || !self.path.push(input.pose.position) {
             counters.degraded += 1;
-        } else if let Some(map) = &mut self.map {
-            map.walk.push(input.pose.position);
+        } else {
+            self.passed = Some(input.pose.position);
+            if let Some(map) = &mut self.map {
+                map.walk.push(input.pose.position);
+            }
         }
         if let Some(Map { walk, projection, .. }) = &mut self.map {
             self.unpublished |= projection.update(&mut self.columns, walk, &self.config);

@@ -22,7 +22,9 @@ use evac_frames::{Ack, MapHeader, PoseFrame, TrackingState, frame_flags, map_fla
 use evac_geometry::map_from_lidar;
 use evac_geometry::nalgebra::Point3;
 use evac_octree::{MapConfig, MapError, OctreeMap, Pruning, SensorModel};
-use evac_stage::{Counters, NoOutput, Readiness, Rig, SinkInput, Stage, StageConfig, StageError, State};
+use evac_stage::{
+    Counters, Entry, NoOutput, Readiness, Rig, SinkInput, Stage, StageConfig, StageError, State,
+};
 
 pub use config::MapSaverConfig;
 
@@ -44,10 +46,13 @@ pub struct MapSaver {
     unsaved: bool,
     /// A standby's: up to this frame all but the map comes from the saver that leads.
     loaded_seq: Option<u64>,
+    /// Poses, true poses and points that are in the journal.
+    written: [usize; 3],
 }
 
 impl Stage for MapSaver {
     const NAME: &'static str = "map_saver";
+    const JOURNALED: bool = true;
     type Config = MapSaverConfig;
     type Input<'a> = SinkInput<'a>;
     type Output = NoOutput;
@@ -67,6 +72,7 @@ impl Stage for MapSaver {
             saved_ns: None,
             unsaved: false,
             loaded_seq: None,
+            written: [0; 3],
             config,
         })
     }
@@ -97,35 +103,29 @@ impl Stage for MapSaver {
     }
 
     fn save_state(&self, state: &mut State) {
-        for poses in [&self.trajectory, &self.truth] {
-            state.put(poses.len() as u64);
-            for TumPose { stamp_ns, position, orientation } in poses {
-                state.put(stamp_ns.cast_unsigned());
-                state.put_reals(position);
-                state.put_reals(orientation);
-            }
-        }
-        state.put(self.cloud.points().len() as u64);
-        for point in self.cloud.points() {
-            state.put_reals(&[point.x, point.y, point.z, point.intensity].map(f64::from));
-        }
+        self.save_after([0; 3], state);
     }
 
     fn load_state(&mut self, state: &mut State, seq: u64) -> Result<(), StageError> {
-        for poses in [&mut self.trajectory, &mut self.truth] {
-            poses.clear();
-            for _ in 0..state.number()? {
-                let stamp_ns = state.number()?.cast_signed();
-                poses.push(TumPose { stamp_ns, position: state.reals()?, orientation: state.reals()? });
-            }
-        }
+        self.trajectory.clear();
+        self.truth.clear();
         self.cloud = ThinnedCloud::new(self.config.cloud_voxel_m, self.config.max_cloud_points);
-        for _ in 0..state.number()? {
-            let [x, y, z, intensity] = state.reals()?.map(|number| number as f32);
-            // Another cell size or limit thins them again.
-            let _ = self.cloud.insert(CloudPoint { x, y, z, intensity });
-        }
+        self.load_more(state)?;
         (self.loaded_seq, self.unsaved) = (Some(seq), true);
+        Ok(())
+    }
+
+    /// The map is not in it: the mapper gives it to whoever asks.
+    fn write_down(&mut self, entry: &mut Entry, whole: bool) {
+        self.save_after(if whole { [0; 3] } else { self.written }, &mut entry.added);
+        self.written = self.gathered();
+    }
+
+    fn read_back(&mut self, entry: &mut Entry) -> Result<(), StageError> {
+        while !entry.added.is_at_end() {
+            self.load_more(&mut entry.added)?;
+        }
+        (self.written, self.unsaved) = (self.gathered(), true);
         Ok(())
     }
 
@@ -135,6 +135,43 @@ impl Stage for MapSaver {
 }
 
 impl MapSaver {
+    fn gathered(&self) -> [usize; 3] {
+        [self.trajectory.len(), self.truth.len(), self.cloud.points().len()]
+    }
+
+    /// Poses, true poses and points after the first so many of each.
+    fn save_after(&self, [poses, truth, points]: [usize; 3], state: &mut State) {
+        for (all, first) in [(&self.trajectory, poses), (&self.truth, truth)] {
+            let poses = all.get(first..).unwrap_or_default();
+            state.put(poses.len() as u64);
+            for TumPose { stamp_ns, position, orientation } in poses {
+                state.put(stamp_ns.cast_unsigned());
+                state.put_reals(position);
+                state.put_reals(orientation);
+            }
+        }
+        let points = self.cloud.points().get(points..).unwrap_or_default();
+        state.put(points.len() as u64);
+        for point in points {
+            state.put_reals(&[point.x, point.y, point.z, point.intensity].map(f64::from));
+        }
+    }
+
+    fn load_more(&mut self, state: &mut State) -> Result<(), StageError> {
+        for poses in [&mut self.trajectory, &mut self.truth] {
+            for _ in 0..state.number()? {
+                let stamp_ns = state.number()?.cast_signed();
+                poses.push(TumPose { stamp_ns, position: state.reals()?, orientation: state.reals()? });
+            }
+        }
+        for _ in 0..state.number()? {
+            let [x, y, z, intensity] = state.reals()?.map(|number| number as f32);
+            // Another cell size or limit thins them again.
+            let _ = self.cloud.insert(CloudPoint { x, y, z, intensity });
+        }
+        Ok(())
+    }
+
     fn gather(&mut self, input: &SinkInput<'_>, counters: &mut Counters) -> Result<(), StageError> {
         self.add_voxels(input, counters)?;
         self.add_points(input, counters);

@@ -1,8 +1,10 @@
 //! Which scans go into the map (paper section 3.2: the global map is updated at a lower rate).
 
 use evac_geometry::nalgebra::Isometry3;
+use evac_stage::{StageError, State};
 
 use crate::KeyFrameConfig;
+use crate::memory::{load_pose, save_pose};
 
 /// Chooses key frames by way, rotation and time since the last one.
 #[derive(Debug)]
@@ -15,6 +17,22 @@ impl KeyFrames {
     /// Without a key frame yet: the first pose becomes one.
     pub fn new(config: KeyFrameConfig) -> Self {
         Self { config, last: None }
+    }
+
+    pub(crate) fn save(&self, state: &mut State) {
+        state.put(u64::from(self.last.is_some()));
+        if let Some((end_ns, pose)) = &self.last {
+            state.put(end_ns.cast_unsigned());
+            save_pose(state, pose);
+        }
+    }
+
+    pub(crate) fn load(&mut self, state: &mut State) -> Result<(), StageError> {
+        self.last = match state.number()? {
+            0 => None,
+            _ => Some((state.number()?.cast_signed(), load_pose(state)?)),
+        };
+        Ok(())
     }
 
     /// Another mapper has chosen the scan that ended at `end_ns` with this pose.

@@ -9,6 +9,7 @@ mod filter_config;
 mod ground;
 mod key_frame;
 mod mapper;
+mod memory;
 mod outliers;
 #[cfg(test)]
 mod synthetic;

@@ -1,11 +1,11 @@
 //! The stage: filters a scan, inserts it when it is a key frame, and says what changed.
 
-use evac_frames::{MapHeader, PoseFrame, TrackingState, map_flags};
+use evac_frames::{MapHeader, PoseFrame, TrackingState, Voxel, map_flags};
 use evac_geometry::map_from_lidar;
 use evac_geometry::nalgebra::{Isometry3, Point3};
 use evac_octree::{OctreeMap, Scan, ScanOptions};
 use evac_stage::{
-    Counters, MapMessage, MapOutput, Readiness, Rig, ScanWithPose, Stage, StageConfig, StageError,
+    Counters, Entry, MapMessage, MapOutput, Readiness, Rig, ScanWithPose, Stage, StageConfig, StageError,
 };
 
 use crate::key_frame::KeyFrames;
@@ -22,17 +22,17 @@ const CAPACITY: usize = 30_000;
 /// hit, ground, an outlier, outside or rejected, or it lies beyond `max_range_m` and only clears.
 #[derive(Debug)]
 pub struct OctreeMapper {
-    config: OctreeMapperConfig,
+    pub(crate) config: OctreeMapperConfig,
     map: OctreeMap,
-    key_frames: KeyFrames,
-    key_frame_count: u64,
+    pub(crate) key_frames: KeyFrames,
+    pub(crate) key_frame_count: u64,
     /// Key frames that this instance has inserted or followed.
-    seen_key_frames: u64,
-    upkeep: Upkeep,
+    pub(crate) seen_key_frames: u64,
+    pub(crate) upkeep: Upkeep,
     /// Of the newest update.
-    newest: Option<MapHeader>,
+    pub(crate) newest: Option<MapHeader>,
     outliers: RadiusOutlierFilter,
-    ground: GroundFilter,
+    pub(crate) ground: GroundFilter,
     /// Returns in range, LiDAR frame.
     returns: Vec<[f32; 3]>,
     /// Filtered points, map frame; later those that are not ground.
@@ -44,6 +44,17 @@ impl OctreeMapper {
     /// The map so far.
     pub fn map(&self) -> &OctreeMap {
         &self.map
+    }
+
+    /// Takes over what another mapper's voxels hold.
+    fn apply_all(&mut self, voxels: &[Voxel]) -> Result<(), StageError> {
+        voxels.iter().try_for_each(|voxel| {
+            self.map.apply(voxel).map_err(|cause| {
+                StageError::Config(format!(
+                    "the routed mapper's map does not fit into this one: {cause:?}; raise max_map_mib"
+                ))
+            })
+        })
     }
 
     /// The scan's pose where it may enter the map.
@@ -130,6 +141,7 @@ impl OctreeMapper {
 
 impl Stage for OctreeMapper {
     const NAME: &'static str = "octree_mapper";
+    const JOURNALED: bool = true;
     type Config = OctreeMapperConfig;
     type Input<'a> = ScanWithPose<'a>;
     type Output = MapOutput;
@@ -220,16 +232,28 @@ impl Stage for OctreeMapper {
             self.map = OctreeMap::new(config).map_err(|e| StageError::Config(e.to_string()))?;
             self.seen_key_frames = 0;
         }
-        for voxel in routed.voxels {
-            self.map.apply(voxel).map_err(|cause| {
-                StageError::Config(format!(
-                    "the routed mapper's map does not fit into this one: {cause:?}; raise max_map_mib"
-                ))
-            })?;
-        }
+        self.apply_all(routed.voxels)?;
         self.key_frame_count = header.key_frames;
         self.newest = Some(MapHeader { map_flags: 0, ..*header });
         Ok(())
+    }
+
+    fn write_down(&mut self, entry: &mut Entry, whole: bool) {
+        self.save_memory(&mut entry.now);
+        let is_key_frame = self.newest.is_some_and(|newest| newest.map_flags & map_flags::KEY_FRAME != 0);
+        if whole {
+            entry.voxels.extend(self.map.voxels());
+        } else if is_key_frame {
+            entry.voxels.extend_from_slice(&self.upkeep.changed);
+            entry.voxels.extend(self.map.changes());
+        }
+    }
+
+    /// With the voxels, the choice of key frames and the memory of the ground as they were, the next scan is inserted as it would
+    /// have been.
+    fn read_back(&mut self, entry: &mut Entry) -> Result<(), StageError> {
+        self.apply_all(&entry.voxels)?;
+        if entry.now.is_at_end() { Ok(()) } else { self.load_memory(&mut entry.now) }
     }
 
     /// Publishes the map for a reader that asks for it, from the first scan on.

@@ -56,7 +56,7 @@ impl UnseenConfig {
 /// Looks for places that are too old now and then.
 #[derive(Debug, Default)]
 pub(crate) struct Upkeep {
-    key_frames: u32,
+    pub(crate) key_frames: u32,
     /// What it has changed before the present key frame.
     pub(crate) changed: Vec<Voxel>,
 }

@@ -93,12 +93,23 @@ impl Mid40 {
         }
     }
 
+    /// Draws what a frame would have drawn, so that the next one's noise is as if it had been measured.
+    pub(crate) fn pass_over(&mut self) {
+        for _ in 0..SHOTS_PER_FRAME {
+            self.draw();
+        }
+    }
+
+    fn draw(&mut self) -> (f64, f64, f64) {
+        (self.random.uniform(), self.random.uniform(), self.random.normal())
+    }
+
     fn shoot(&mut self, world: &World, placement: &Placement, beam: &Vector3<f64>, offset_ns: i64) -> Point {
         let no_return = Point::new(0.0, 0.0, 0.0, offset_ns, 0);
         let ray = Ray::new(placement.origin, placement.rotation * beam);
         let hit = world.cast(&ray, &self.people, self.max_range_m);
         // The same draws for every shot, so that one shot's fate does not move the next one's noise.
-        let (luck, stray, noise) = (self.random.uniform(), self.random.uniform(), self.random.normal());
+        let (luck, stray, noise) = self.draw();
         let Some((range, material)) = hit else {
             return no_return;
         };

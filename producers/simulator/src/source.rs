@@ -15,6 +15,8 @@ pub struct Simulator {
     points: Vec<Point>,
     truth: Option<PoseFrame>,
     recording: Option<Recording>,
+    /// Scans that are left out.
+    passed_over: u64,
 }
 
 impl Source for Simulator {
@@ -24,7 +26,7 @@ impl Source for Simulator {
     fn new(config: Config, rig: &Rig) -> Result<Self, StageError> {
         let walk = Walk::new(&config, rig)?;
         let recording = config.record.as_deref().map(|folder| Recording::create(folder, rig)).transpose()?;
-        Ok(Self { walk, points: Vec::with_capacity(SHOTS_PER_FRAME), truth: None, recording })
+        Ok(Self { walk, points: Vec::with_capacity(SHOTS_PER_FRAME), truth: None, recording, passed_over: 0 })
     }
 
     fn next_event(&mut self) -> Result<Option<SensorEvent>, StageError> {
@@ -44,6 +46,13 @@ impl Source for Simulator {
         self.truth
     }
 
+    fn start_at(&mut self, first_scan: u64) {
+        // A recording holds the whole walk.
+        if self.recording.is_none() {
+            self.passed_over = first_scan;
+        }
+    }
+
     fn total_scans(&self) -> Option<u64> {
         Some(self.walk.frames())
     }
@@ -61,6 +70,10 @@ impl Simulator {
     }
 
     fn scan(&mut self) -> Result<Option<SensorEvent>, StageError> {
+        if self.passed_over > 0 {
+            self.passed_over -= 1;
+            return Ok(self.walk.pass_over_scan().map(SensorEvent::Scan));
+        }
         let Some((header, truth)) = self.walk.next_scan(&mut self.points) else {
             // The walk is over; a full disk shows here at the latest.
             return self.recording.take().map_or(Ok(()), Recording::finish).map(|()| None);
@@ -70,5 +83,34 @@ impl Simulator {
         }
         self.truth = Some(truth);
         Ok(Some(SensorEvent::Scan(header)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_walk_from_which_scans_were_left_out_goes_on_as_it_would_have() {
+        let config = || Config { duration_s: Some(1.5), ..Config::default() };
+        let mut whole = Simulator::new(config(), &Rig::default()).unwrap();
+        let mut late = Simulator::new(config(), &Rig::default()).unwrap();
+        late.start_at(7);
+        let mut scans = 0;
+        while let Some(event) = whole.next_event().unwrap() {
+            let other = late.next_event().unwrap().unwrap();
+            match (event, other) {
+                (SensorEvent::Imu(a), SensorEvent::Imu(b)) => assert_eq!(a, b),
+                (SensorEvent::Scan(a), SensorEvent::Scan(b)) => {
+                    assert_eq!(a.frame, b.frame);
+                    if scans >= 7 {
+                        assert_eq!((a, &whole.points), (b, &late.points));
+                    }
+                    scans += 1;
+                }
+                pair => panic!("{pair:?}"),
+            }
+        }
+        assert!(scans > 7 && late.next_event().unwrap().is_none());
     }
 }

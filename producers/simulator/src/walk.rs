@@ -139,6 +139,20 @@ impl Walk {
         Some((header, self.truth(frame)))
     }
 
+    /// Leaves the next scan out; those after it are as they would have been.
+    pub(crate) fn pass_over_scan(&mut self) -> Option<ScanHeader> {
+        let end_ns = self.next_scan_ns()?;
+        self.lidar.pass_over();
+        let frame = FrameHeader {
+            seq: self.next_frame,
+            start_ns: end_ns - FRAME_NS,
+            end_ns,
+            ..FrameHeader::default()
+        };
+        self.next_frame += 1;
+        Some(ScanHeader { frame, ..ScanHeader::default() })
+    }
+
     /// The true pose of the LiDAR in the map frame at a sensor time in nanoseconds.
     pub fn map_from_lidar(&self, time_ns: i64) -> Isometry3<f64> {
         self.map_from_world * self.trajectory.at(time_ns as f64 * 1e-9).world_from_imu * self.imu_from_lidar

@@ -49,6 +49,7 @@ impl Bus {
             .signal_handling_mode(SignalHandlingMode::HandleTerminationRequests)
             .create::<Ipc>()
             .map_err(|cause| PortError::refused("(node)", "join the domain", cause))?;
+        domain.close_to_others();
         Ok(Self { node, stop: Cell::new(false) })
     }
 

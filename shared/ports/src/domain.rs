@@ -2,7 +2,7 @@
 
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
 use crate::PortError;
@@ -89,6 +89,7 @@ impl Domain {
             cause: format!("{} cannot be written: {cause}", path.display()),
         };
         let mut file = OpenOptions::new()
+            .mode(0o600)
             .create(true)
             .truncate(false)
             .read(true)
@@ -116,6 +117,38 @@ impl Domain {
         }
     }
 
+    /// Pid of a launcher that has held the domain and did not leave it in order.
+    pub fn left_by(&self) -> Option<u32> {
+        let mut file = File::open(self.lock_path()).ok()?;
+        file.try_lock_shared().ok()?;
+        Some(read_pid(&mut file)).filter(|pid| *pid > 0)
+    }
+
+    /// Takes from other users what the middleware lets them write to: a file without content that it manages nodes by.
+    pub(crate) fn close_to_others(&self) {
+        for (path, metadata) in self.in_memory() {
+            let mode = metadata.permissions().mode();
+            if mode & 0o077 != 0 && metadata.uid() == rustix::process::getuid().as_raw() {
+                // It may be gone by now.
+                let _ = fs::set_permissions(path, fs::Permissions::from_mode(mode & 0o700));
+            }
+        }
+    }
+
+    /// What the domain has in shared memory.
+    fn in_memory(&self) -> impl Iterator<Item = (PathBuf, fs::Metadata)> {
+        let prefix = self.prefix();
+        let files = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        files
+            .filter(move |entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+            .filter_map(|entry| Some((entry.path(), entry.metadata().ok()?)))
+    }
+
+    /// How much the domain takes of shared memory: files, and bytes of pages that were touched.
+    pub fn shared_memory(&self) -> (usize, u64) {
+        self.in_memory().fold((0, 0), |(files, bytes), (_, file)| (files + 1, bytes + file.blocks() * 512))
+    }
+
     fn lock_path(&self) -> PathBuf {
         self.folder().join("launcher.pid")
     }
@@ -123,14 +156,8 @@ impl Domain {
     /// Removes what the domain left in shared memory (the middleware itself leaves at least one management file) and
     /// its folder. Only for the launcher, after all its processes have ended.
     fn remove_leftovers(&self) {
-        let prefix = self.prefix();
-        let leftovers = fs::read_dir("/dev/shm")
-            .into_iter()
-            .flatten()
-            .flatten()
-            .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
-        for entry in leftovers {
-            remove(&entry.path(), |path| fs::remove_file(path));
+        for (path, _) in self.in_memory() {
+            remove(&path, |path| fs::remove_file(path));
         }
         remove(&self.folder(), |path| fs::remove_dir_all(path));
     }

@@ -4,6 +4,7 @@ use bytemuck::TransparentWrapper;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::service::port_factory::PortFactory as _;
@@ -67,6 +68,19 @@ impl<S: FrameService> FramePublisher<S> {
         let events = bus.events(S::NAME, &S::QOS)?;
         let notifier = retry(S::NAME, "notify", || events.notifier_builder().create())?;
         Ok(Self { publisher, notifier })
+    }
+
+    /// Hands the history to readers that have come since the last sending, and wakes them: who sends nothing for a while would keep them
+    /// waiting.
+    ///
+    /// # Errors
+    /// [`PortError::Refused`].
+    pub fn greet(&self) -> Result<(), PortError> {
+        self.publisher
+            .update_connections()
+            .map_err(|cause| PortError::refused(S::NAME, "greet new readers", cause))?;
+        self.notifier.notify().map_err(|cause| PortError::refused(S::NAME, "notify", cause))?;
+        Ok(())
     }
 
     /// Publishes one frame: loans memory for `len` elements, writes `fill(0)..fill(len - 1)` straight into it, sets the

@@ -3,6 +3,7 @@
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections as _;
 use iceoryx2::service::port_factory::PortFactory as _;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
@@ -58,6 +59,19 @@ impl<S: RecordService> RecordPublisher<S> {
     /// Whether somebody reads the service at the moment: a look at shared memory.
     pub fn has_subscriber(&self) -> bool {
         self.service.dynamic_config().number_of_subscribers() > 0
+    }
+
+    /// Hands the history to readers that have come since the last sending, and wakes them: who sends nothing for a while would keep them
+    /// waiting.
+    ///
+    /// # Errors
+    /// [`PortError::Refused`].
+    pub fn greet(&self) -> Result<(), PortError> {
+        self.publisher
+            .update_connections()
+            .map_err(|cause| PortError::refused(S::NAME, "greet new readers", cause))?;
+        self.notifier.notify().map_err(|cause| PortError::refused(S::NAME, "notify", cause))?;
+        Ok(())
     }
 
     /// Publishes one record.

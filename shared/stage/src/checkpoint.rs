@@ -81,6 +81,26 @@ pub struct State {
 }
 
 impl State {
+    /// Empties it; its memory stays.
+    pub(crate) fn clear(&mut self) {
+        self.bytes.clear();
+        self.read = 0;
+    }
+
+    pub(crate) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    pub(crate) fn set_bytes(&mut self, bytes: &[u8]) {
+        self.clear();
+        self.bytes.extend_from_slice(bytes);
+    }
+
+    /// Whether all was read that was written.
+    pub fn is_at_end(&self) -> bool {
+        self.read >= self.bytes.len()
+    }
+
     /// Adds a whole number.
     pub fn put(&mut self, number: u64) {
         self.bytes.extend(number.to_le_bytes());

@@ -10,6 +10,8 @@ use crate::tracer::Tracer;
 
 /// Time between two reports.
 const INTERVAL_NS: i64 = 1_000_000_000;
+/// Gaps that are named in a note.
+const NAMED_GAPS: usize = 6;
 
 /// Counts and times what a stage does and publishes it on `health/status`.
 #[derive(Debug)]
@@ -28,6 +30,10 @@ pub struct Reporter {
     pub counters: Counters,
     /// How the odometry fares, where the stage is one.
     pub odometry: OdometryHealth,
+    /// Entries of the journal that were dropped.
+    pub(crate) journal_dropped: u64,
+    /// Frames that never came one by one, newest last: first and last.
+    missed: Vec<(u64, u64)>,
     /// How the device fares, where the stage is a driver.
     pub device: DeviceHealth,
     last_report: (i64, u64),
@@ -79,6 +85,8 @@ impl Reporter {
             input: InputCounters::default(),
             counters: Counters::default(),
             odometry: OdometryHealth::default(),
+            journal_dropped: 0,
+            missed: Vec::new(),
             device: DeviceHealth::default(),
             last_report: (now_ns(), 0),
         }
@@ -87,6 +95,20 @@ impl Reporter {
     /// What goes on, in words for an operator; stays in the reports until the next one. Empty: nothing to say.
     pub fn note(&mut self, text: &str) {
         self.health.reason = Health::text(text);
+    }
+
+    /// Says exactly which frames did not come one by one.
+    pub(crate) fn missed(&mut self, first: u64, last: u64) {
+        tracing::warn!(stage = Health::text_of(&self.health.name), first, last, "frames are missing");
+        if self.missed.len() == NAMED_GAPS {
+            self.missed.remove(0);
+        }
+        self.missed.push((first, last));
+        let name = |(first, last): &(u64, u64)| {
+            if first == last { first.to_string() } else { format!("{first}-{last}") }
+        };
+        let named: Vec<_> = self.missed.iter().map(name).collect();
+        self.note(&format!("missing frames: {}", named.join(", ")));
     }
 
     /// The newest note.
@@ -196,7 +218,7 @@ impl Reporter {
         self.health.reported_ns = now;
         self.health.lost = self.input.lost;
         self.health.late = self.input.late + self.counters.late;
-        self.health.degraded = self.counters.degraded;
+        self.health.degraded = self.counters.degraded + self.journal_dropped;
         self.health.rejected = self.counters.rejected + self.input.imu_rejected;
         self.health.imu_lost = self.input.imu_lost;
         self.health.odometry = self.odometry;

@@ -38,4 +38,14 @@ impl StageOutput for LidarOutput {
         };
         Ok(Self { scans: RawScanOutput::open(bus, epoch)?, imu })
     }
+
+    /// Samples count anew, which their readers see by the epoch.
+    fn count_from(&mut self, seq: u64) {
+        self.scans.count_from(seq);
+    }
+
+    fn greet(&self) -> Result<(), PortError> {
+        self.scans.greet()?;
+        self.imu.greet()
+    }
 }

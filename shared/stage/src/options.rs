@@ -26,6 +26,12 @@ pub struct RunOptions {
     /// Follow the routed instance without publishing, until the launcher routes this one
     #[arg(long)]
     pub standby: bool,
+    /// Number of its first frame, in the place of a producer that has ended
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub first_seq: u64,
+    /// Keep a journal in this folder, and go on from it in the place of an instance that was killed
+    #[arg(long, value_name = "DIR")]
+    pub journal: Option<PathBuf>,
     /// Follow the routed instance to where it is, then go on beside it; the output goes to the domain's shadows
     #[arg(long, conflicts_with = "standby")]
     pub shadow: bool,
@@ -49,6 +55,8 @@ pub(crate) struct Context {
     pub(crate) name: String,
     pub(crate) domain: Domain,
     pub(crate) epoch: u32,
+    /// Number of the first frame, where it is a producer.
+    pub(crate) first_seq: u64,
     pub(crate) mode: Mode,
     pub(crate) rate: Option<f64>,
     pub(crate) step: bool,
@@ -76,6 +84,7 @@ impl RunOptions {
             name,
             domain: Domain::new(domain.unwrap_or(Domain::DEFAULT))?,
             epoch: self.epoch,
+            first_seq: self.first_seq,
             mode: pipeline.as_ref().map_or(Mode::Live, |p| p.mode),
             rate: pipeline.as_ref().and_then(|p| p.rate),
             step: pipeline.as_ref().is_some_and(|p| p.step),
@@ -91,6 +100,17 @@ impl Context {
         let config: C = self.entry.typed_config().map_err(RunError::Value)?;
         config.check().map_err(|cause| RunError::Value(format!("stage '{}': {cause}", self.name)))?;
         Ok(config)
+    }
+
+    pub(crate) fn scheduling(&self) -> Option<&evac_config::Scheduling> {
+        self.entry.scheduling.as_ref()
+    }
+
+    /// Most bytes of a journal.
+    pub(crate) fn journal_bytes(&self) -> u64 {
+        let supervision =
+            self.pipeline.as_ref().map(|pipeline| pipeline.supervision.clone()).unwrap_or_default();
+        (supervision.journal_max_mib * f64::from(1 << 20)) as u64
     }
 
     /// The whole pipeline file; empty where there is none.

@@ -28,6 +28,25 @@ pub trait StageOutput: Sized {
     /// [`PortError`].
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError>;
 
+    /// Hands what is remembered to readers that have come since the last frame.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn greet(&self) -> Result<(), PortError> {
+        Ok(())
+    }
+
+    /// The first frame is `seq`: a producer that ended got as far.
+    fn count_from(&mut self, _seq: u64) {}
+
+    /// What this output goes on with, in a number: the epoch of the mapper that began the map.
+    fn lineage(&self) -> u32 {
+        0
+    }
+
+    /// Goes on with what another instance began; `None`: begins anew.
+    fn go_on_with(&mut self, _lineage: Option<u32>) {}
+
     /// Opens those of [`Self::SERVICES`] that are named, where some may be left out; otherwise all.
     ///
     /// # Errors
@@ -117,6 +136,10 @@ impl StageOutput for ScanOutput {
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
     }
+
+    fn greet(&self) -> Result<(), PortError> {
+        self.port.as_ref().map_or(Ok(()), |(port, _)| port.greet())
+    }
 }
 
 impl Followed for ScanOutput {
@@ -193,6 +216,14 @@ impl StageOutput for RawScanOutput {
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
         Ok(Self { port: Some((FramePublisher::open(bus)?, epoch)), ..Self::default() })
+    }
+
+    fn greet(&self) -> Result<(), PortError> {
+        self.port.as_ref().map_or(Ok(()), |(port, _)| port.greet())
+    }
+
+    fn count_from(&mut self, seq: u64) {
+        self.next_seq = seq;
     }
 }
 
@@ -312,6 +343,14 @@ impl StageOutput for ImuOutput {
         let port = ImuPort { samples: RecordPublisher::open(bus)?, attitudes, epoch };
         Ok(Self { port: Some(port), ..Self::default() })
     }
+
+    fn count_from(&mut self, seq: u64) {
+        self.next_seq = seq;
+    }
+
+    fn greet(&self) -> Result<(), PortError> {
+        self.port.as_ref().map_or(Ok(()), |port| port.samples.greet())
+    }
 }
 
 /// Where poses go.
@@ -359,6 +398,10 @@ impl StageOutput for PoseOutput {
 
     fn odometry(&self) -> OdometryHealth {
         self.odometry
+    }
+
+    fn greet(&self) -> Result<(), PortError> {
+        self.port.as_ref().map_or(Ok(()), |(port, _)| port.greet())
     }
 }
 
@@ -415,7 +458,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
-        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
+        header.map_epoch = self.lineage();
         let Some(port) = &self.port else {
             keep(&mut self.memory, self.newest_only, header, len, fill);
             return Ok(());
@@ -447,7 +490,7 @@ impl MapOutput {
     ) -> Result<(), StageError> {
         let mut header = *header;
         header.voxels = len as u32;
-        header.map_epoch = self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch));
+        header.map_epoch = self.lineage();
         let Some(port) = &self.port else {
             keep(&mut self.snapshots, self.newest_only, header, len, fill);
             return Ok(());
@@ -472,6 +515,14 @@ impl StageOutput for MapOutput {
             epoch,
         };
         Ok(Self { port: Some(port), ..Self::default() })
+    }
+
+    fn lineage(&self) -> u32 {
+        self.map_epoch.unwrap_or(self.port.as_ref().map_or(0, |port| port.epoch))
+    }
+
+    fn go_on_with(&mut self, lineage: Option<u32>) {
+        self.map_epoch = lineage;
     }
 }
 

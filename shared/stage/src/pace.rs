@@ -15,6 +15,8 @@ const SINK_KINDS: &[&str] = &["grid_exporter", "map_saver", "recorder"];
 const WINDOW: u64 = 6;
 /// Lossless: a pipeline that acknowledges nothing for this long is broken.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// Silence after which new readers are looked for.
+const GREETING: Duration = Duration::from_millis(100);
 /// Longest sleep, after which SIGTERM is looked for.
 const NAP_NS: i64 = 100_000_000;
 
@@ -47,12 +49,14 @@ impl Pace {
         Self::RealTime(Clockwork::new(rate.unwrap_or(1.0)))
     }
 
+    /// The first scan that is published is number `first_seq`.
     pub(crate) fn lossless(
         rate: Option<f64>,
         bus: &Bus,
         pipeline: Option<&Pipeline>,
+        first_seq: u64,
     ) -> Result<Self, RunError> {
-        Ok(Self::Acknowledged(Box::new(Acks::open(bus, pipeline)?), rate.map(Clockwork::new)))
+        Ok(Self::Acknowledged(Box::new(Acks::open(bus, pipeline, first_seq)?), rate.map(Clockwork::new)))
     }
 
     /// After a pause time goes on where it stood.
@@ -69,6 +73,7 @@ impl Pace {
         next_seq: u64,
         bus: &Bus,
         reporter: &mut Reporter,
+        greet: &dyn Fn() -> Result<(), RunError>,
     ) -> Result<Next, RunError> {
         match (self, event) {
             (Self::RealTime(clockwork), event) => sleep_until(clockwork.due_ns(event), bus, reporter),
@@ -78,7 +83,7 @@ impl Pace {
                 {
                     return Ok(Next::Stop);
                 }
-                acks.wait_for(next_seq.checked_sub(WINDOW), false, bus, reporter)
+                acks.wait_for(next_seq.checked_sub(WINDOW), false, bus, reporter, greet)
             }
             // They go with the scans: between two there are few, and SIGTERM is looked for at each scan.
             (Self::Acknowledged(..), SensorEvent::Imu(_)) => Ok(Next::Go),
@@ -86,11 +91,17 @@ impl Pace {
     }
 
     /// Waits until what was published has been read: in real time nobody says so, and it stays until SIGTERM.
-    pub(crate) fn linger(&mut self, scans: u64, bus: &Bus, reporter: &mut Reporter) -> Result<(), RunError> {
+    pub(crate) fn linger(
+        &mut self,
+        scans: u64,
+        bus: &Bus,
+        reporter: &mut Reporter,
+        greet: &dyn Fn() -> Result<(), RunError>,
+    ) -> Result<(), RunError> {
         match self {
             Self::RealTime(_) => sleep_until(i64::MAX, bus, reporter).map(|_| ()),
             Self::Acknowledged(acks, _) => {
-                acks.wait_for(scans.checked_sub(1), true, bus, reporter).map(|_| ())
+                acks.wait_for(scans.checked_sub(1), true, bus, reporter, greet).map(|_| ())
             }
         }
     }
@@ -146,12 +157,13 @@ struct Sink {
 }
 
 impl Acks {
-    fn open(bus: &Bus, pipeline: Option<&Pipeline>) -> Result<Self, RunError> {
+    /// What the sinks have said to an instance before this one is not heard again; they are less than a window behind.
+    fn open(bus: &Bus, pipeline: Option<&Pipeline>, first_seq: u64) -> Result<Self, RunError> {
         let stages = pipeline.map_or(&[][..], |pipeline| &pipeline.stages);
         let sinks: Vec<_> = stages
             .iter()
             .filter(|stage| SINK_KINDS.contains(&stage.kind.as_str()))
-            .map(|stage| Sink { name: Health::text(stage.name()), next: 0, finished: false })
+            .map(|stage| Sink { name: Health::text(stage.name()), next: first_seq, finished: false })
             .collect();
         if sinks.is_empty() {
             return Err(RunError::Stage(StageError::Config(format!(
@@ -170,6 +182,7 @@ impl Acks {
         finished: bool,
         bus: &Bus,
         reporter: &mut Reporter,
+        greet: &dyn Fn() -> Result<(), RunError>,
     ) -> Result<Next, RunError> {
         let needed = seq.map_or(0, |seq| seq + 1);
         let mut last_news = now_ns();
@@ -191,7 +204,13 @@ impl Acks {
                     PATIENCE.as_secs()
                 )));
             }
-            self.listener.wait(Duration::from_nanos(reporter.report_if_due()?.unsigned_abs()))?;
+            let due = Duration::from_nanos(reporter.report_if_due()?.unsigned_abs());
+            let before = now_ns();
+            self.listener.wait(due.min(GREETING))?;
+            // Nobody says anything: a stage that was started again waits for what is remembered.
+            if now_ns() - before >= GREETING.as_nanos() as i64 {
+                greet()?;
+            }
         }
     }
 

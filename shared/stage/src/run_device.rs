@@ -37,6 +37,7 @@ pub fn run_device<D: Device>(options: &RunOptions) -> Result<(), RunError> {
     let mut device = D::new(config, &context.rig)?;
     let bus = Bus::join(&context.domain, &context.name)?;
     let mut output = D::Output::open_only(&bus, context.epoch, services)?;
+    output.count_from(context.first_seq);
     let mut reporter = Reporter::open(&bus, &context.name, context.epoch)?;
     let served = serve(&mut device, &mut output, &mut reporter, &bus);
     let result = served.and_then(|()| device.finish(&mut output).map_err(RunError::from));

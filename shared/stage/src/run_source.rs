@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use evac_config::Mode;
 use evac_frames::{ImuSample, PoseFrame, ScanHeader, StageState, frame_flags};
 use evac_ports::services::{Imu, LidarScan, TruthPose};
-use evac_ports::{Bus, FramePublisher, RecordPublisher, now_ns};
+use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, now_ns};
 
 use crate::options::Context;
 use crate::pace::{Next, Pace};
@@ -27,17 +27,19 @@ pub fn source_main<S: Source>(args: impl IntoIterator<Item = OsString>) -> ExitC
 /// [`RunError`], with the process's exit code in [`RunError::code`].
 pub fn run_source<S: Source>(options: &RunOptions) -> Result<(), RunError> {
     let Some((context, config)) = prepare::<S::Config>(S::NAME, options)? else { return Ok(()) };
-    let source = S::new(config, &context.rig)?;
+    let mut source = S::new(config, &context.rig)?;
+    source.start_at(context.first_seq);
     let bus = Bus::join(&context.domain, &context.name)?;
     let mut reporter = Reporter::open(&bus, &context.name, context.epoch)?;
     reporter.expect(source.total_scans());
     let pace = match context.mode {
         Mode::Live => Pace::real_time(context.rate),
-        Mode::Lossless => Pace::lossless(context.rate, &bus, context.pipeline.as_ref())?,
+        Mode::Lossless => Pace::lossless(context.rate, &bus, context.pipeline.as_ref(), context.first_seq)?,
     };
     let outputs = Outputs::open(&bus, &context)?;
     let steps = context.step.then(Steps::start);
-    let mut running = Running { source, outputs, reporter, pace, steps, bus: &bus, incomplete: 0 };
+    let first_seq = context.first_seq;
+    let mut running = Running { source, outputs, reporter, pace, steps, bus: &bus, incomplete: 0, first_seq };
     let result = running.run();
     let (state, reason) = match &result {
         Ok(()) => (StageState::Finished, String::new()),
@@ -58,12 +60,22 @@ struct Running<'a, S> {
     bus: &'a Bus,
     /// Scans with packets missing.
     incomplete: u64,
+    /// Scans before this one were published by an instance that has ended.
+    first_seq: u64,
 }
 
 impl<S: Source> Running<'_, S> {
     fn run(&mut self) -> Result<(), RunError> {
         while let Some(event) = self.source.next_event()? {
             self.count();
+            if self.outputs.next_seq < self.first_seq {
+                if self.bus.stop_requested() {
+                    return Ok(());
+                }
+                self.outputs.pass_over(&event);
+                self.reporter.report_if_due()?;
+                continue;
+            }
             if self.wait(&event)? == Next::Stop {
                 return Ok(());
             }
@@ -78,7 +90,8 @@ impl<S: Source> Running<'_, S> {
         self.outputs.end_imu()?;
         self.count();
         self.reporter.end(StageState::Finished, "")?;
-        self.pace.linger(self.outputs.next_seq, self.bus, &mut self.reporter)
+        let greet = || Ok(self.outputs.greet()?);
+        self.pace.linger(self.outputs.next_seq, self.bus, &mut self.reporter, &greet)
     }
 
     /// Waits until `event` is asked for and due.
@@ -92,7 +105,8 @@ impl<S: Source> Running<'_, S> {
                 self.pace.resume();
             }
         }
-        self.pace.wait(event, self.outputs.next_seq, self.bus, &mut self.reporter)
+        let greet = || Ok(self.outputs.greet()?);
+        self.pace.wait(event, self.outputs.next_seq, self.bus, &mut self.reporter, &greet)
     }
 
     fn count(&mut self) {
@@ -137,6 +151,21 @@ impl Outputs {
             next_imu_seq: 0,
             last_imu: ImuSample::default(),
         })
+    }
+
+    fn greet(&self) -> Result<(), PortError> {
+        self.scans.greet()?;
+        self.imu.greet()?;
+        self.truth.greet()
+    }
+
+    /// Counts what an instance before this one has published. Samples between its last scan and the first of this one may be published
+    /// twice, with the same number: nobody knows how many of them it got to.
+    fn pass_over(&mut self, event: &SensorEvent) {
+        match event {
+            SensorEvent::Imu(_) => self.next_imu_seq += 1,
+            SensorEvent::Scan(_) => self.next_seq += 1,
+        }
     }
 
     fn scan(

@@ -11,6 +11,7 @@ use crate::ack::AckPort;
 use crate::checkpoint::Checkpoints;
 use crate::follow::{Followed, Follower};
 use crate::joins::{Join, JoinOptions};
+use crate::journal::{self, Head, Journal, Place, Start};
 use crate::options::Context;
 use crate::role::{Order, Orders, Promotion, Role, Standby};
 use crate::stage_main::prepare;
@@ -75,6 +76,15 @@ where
     let mut reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
     reporter.tracer = Some(tracer);
     let orders = Orders::new(&context.name, context.epoch);
+    let place = options.journal.clone().filter(|_| S::JOURNALED).map(|folder| Place {
+        folder,
+        lossless,
+        max_bytes: context.journal_bytes(),
+    });
+    let journal = match (&place, &role) {
+        (Some(place), Role::Lead) => Some(Journal::open(place, Start::Empty)?),
+        _ => None,
+    };
     let mut running = Running {
         stage,
         join,
@@ -85,6 +95,9 @@ where
         routes,
         orders,
         role,
+        place,
+        journal,
+        read_back: false,
         leads_from: 0,
         last_seq: None,
         ended: false,
@@ -111,6 +124,12 @@ struct Running<S: Stage, J> {
     routes: RecordSubscriber<Routes>,
     orders: Orders,
     role: Role<<S::Output as Followed>::Follower>,
+    /// Where its journal is, if it keeps one.
+    place: Option<Place>,
+    /// Of the instance that leads.
+    journal: Option<Journal>,
+    /// What it goes on with comes from the journal, and no frame has joined it yet.
+    read_back: bool,
     /// Frames before it are the older instance's.
     leads_from: u64,
     /// The newest frame that is dealt with, here or by the routed instance.
@@ -176,6 +195,8 @@ where
 
     fn take_route(&mut self, route: &Route) -> Result<(), RunError> {
         self.join.route(route);
+        // Where something has changed, somebody is new.
+        self.output.greet()?;
         if let Role::Follow(standby) = &mut self.role {
             standby.follower.route(route);
         }
@@ -185,10 +206,12 @@ where
             (Some(Order::Lead(_)), Role::Retired) => {
                 self.role = Role::Lead;
                 self.join.limit(u64::MAX);
+                self.open_journal(Start::Whole)?;
                 self.reporter.change(StageState::Running)?;
             }
             (Some(Order::Retire), Role::Lead) => {
                 self.role = Role::Retired;
+                self.journal = None;
                 self.join.limit(0);
                 self.reporter.retire(self.last_seq)?;
             }
@@ -225,11 +248,16 @@ where
     /// that nothing it has published is taken away before it is read; a sink finishes its files and ends.
     fn process_next(&mut self) -> Result<bool, RunError> {
         let (stage, output, leads_from) = (&mut self.stage, &mut self.output, self.leads_from);
+        let read_back = &mut self.read_back;
         let complete_ns = now_ns();
         let handled = self.join.next(&mut self.reporter, |input, frame, reporter| {
             if frame.seq < leads_from {
                 stage.follow(input, None)?;
                 return Ok(*frame);
+            }
+            // Readers go on with what was read back only if nothing is missing after it.
+            if std::mem::take(read_back) && frame.seq > leads_from {
+                output.go_on_with(None);
             }
             reporter.begin();
             stage.process(input, output, &mut reporter.counters)?;
@@ -244,7 +272,12 @@ where
         if frame.seq < leads_from {
             return Ok(true);
         }
+        self.write_down(&frame);
         let Some(frame) = self.join.done(&frame) else { return Ok(true) };
+        let awaited = self.last_seq.map_or(frame.seq, |last| last.saturating_add(1));
+        if frame.seq > awaited {
+            self.reporter.missed(awaited, frame.seq - 1);
+        }
         self.last_seq = Some(frame.seq);
         self.ended = frame.flags & frame_flags::END_OF_STREAM != 0;
         if self.ended {
@@ -254,6 +287,38 @@ where
             ack.send(frame.seq, self.ended)?;
         }
         Ok(true)
+    }
+
+    fn write_down(&mut self, frame: &FrameHeader) {
+        let Some(journal) = &mut self.journal else { return };
+        let head = Head { seq: frame.seq, lineage: self.output.lineage() };
+        let goes_on = journal.write(head, |entry, whole| self.stage.write_down(entry, whole));
+        self.reporter.journal_dropped = journal.dropped();
+        if !goes_on {
+            self.journal = None;
+            self.reporter.note("the journal has ended, see the log");
+        }
+    }
+
+    fn open_journal(&mut self, start: Start) -> Result<(), RunError> {
+        self.journal = self.place.as_ref().map(|place| Journal::open(place, start)).transpose()?;
+        Ok(())
+    }
+
+    /// Goes on where an instance was that has been killed, as far as it had written it down.
+    fn read_back(&mut self) -> Result<(), RunError> {
+        let Some(place) = &self.place else {
+            self.join.resume(None);
+            return Ok(());
+        };
+        let stage = &mut self.stage;
+        let read = journal::read_back(&place.folder, |entry| stage.read_back(entry))?;
+        self.join.resume(read.map(|read| read.head.seq));
+        let Some(read) = read else { return self.open_journal(Start::Empty) };
+        tracing::info!(frame = read.head.seq, "goes on from the journal");
+        self.output.go_on_with(Some(read.head.lineage));
+        (self.last_seq, self.read_back) = (Some(read.head.seq), true);
+        self.open_journal(Start::After(read))
     }
 
     fn end(&mut self) -> Result<(), RunError> {
@@ -346,6 +411,11 @@ where
 
     fn take_over(&mut self, promotion: Promotion) -> Result<bool, RunError> {
         let Role::Follow(standby) = std::mem::replace(&mut self.role, Role::Lead) else { return Ok(false) };
+        if promotion.alone && self.last_seq.is_none() {
+            self.read_back()?;
+        } else {
+            self.open_journal(Start::Whole)?;
+        }
         self.leads_from = self.last_seq.map_or(0, |seq| seq.saturating_add(1));
         if promotion.alone {
             // Who was killed may have handed its last output to some of its readers only.

@@ -53,6 +53,10 @@ pub trait Source: Sized {
         Counters::default()
     }
 
+    /// Scans before `first_scan` were published by another instance: they are announced, but their points are not asked for. A source
+    /// that computes points may leave that out.
+    fn start_at(&mut self, _first_scan: u64) {}
+
     /// Scans in the whole stream, for progress; `None` where it is not known beforehand.
     fn total_scans(&self) -> Option<u64>;
 }

@@ -3,7 +3,7 @@
 use serde::{Serialize, de::DeserializeOwned};
 
 use crate::follow::{Followed, Readiness, Routed};
-use crate::{Rig, State};
+use crate::{Entry, Rig, State};
 
 /// A stage: a pure function of its inputs and its own state. It sees plain slices, never shared memory, clocks or files
 /// (sinks excepted, whose work is files).
@@ -75,6 +75,20 @@ pub trait Stage: Sized {
     /// # Errors
     /// [`StageError::File`] where it cannot be read.
     fn load_state(&mut self, _state: &mut State, _seq: u64) -> Result<(), StageError> {
+        Ok(())
+    }
+
+    /// Whether it keeps a journal, from which an instance goes on that is started in the place of one that was killed.
+    const JOURNALED: bool = false;
+
+    /// Says what the newest frame has changed of what a crash must not lose, or everything (`whole`). Called after every frame.
+    fn write_down(&mut self, _entry: &mut Entry, _whole: bool) {}
+
+    /// Takes back what was written down, in order: in one entry what several have changed, and `Entry::now` only in the last of them.
+    ///
+    /// # Errors
+    /// [`StageError`] where it cannot be read: another build or configuration has written it.
+    fn read_back(&mut self, _entry: &mut Entry) -> Result<(), StageError> {
         Ok(())
     }
 

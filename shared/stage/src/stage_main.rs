@@ -45,6 +45,9 @@ pub(crate) fn prepare<C: StageConfig>(
     if let Some(parent) = options.die_with_parent {
         die_with_parent(parent)?;
     }
+    if let Some(scheduling) = context.scheduling() {
+        crate::scheduling::apply(&context.name, scheduling)?;
+    }
     Ok(Some((context, config)))
 }
 

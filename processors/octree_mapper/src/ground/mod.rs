@@ -11,6 +11,8 @@ use moments::Plane;
 use patch::Patch;
 use surfaces::{NONE, Surface, Surfaces};
 
+use evac_stage::{StageError, State};
+
 use crate::GroundConfig;
 
 pub(crate) use columns::{CloudGround, GroundColumns};
@@ -72,6 +74,24 @@ impl GroundFilter {
     /// Whether what is remembered of earlier scans is all that ever will be: as if all scans had been seen.
     pub fn is_warm(&self) -> bool {
         self.known.len() >= MEMORY || !self.config.enabled
+    }
+
+    pub(crate) fn save(&self, state: &mut State) {
+        state.put(self.known.len() as u64);
+        for (plane, extent) in &self.known {
+            state.put_reals(&plane.centre);
+            state.put_reals(&plane.slope);
+            state.put_reals(&[plane.rms, *extent]);
+        }
+    }
+
+    pub(crate) fn load(&mut self, state: &mut State) -> Result<(), StageError> {
+        self.known.clear();
+        for _ in 0..state.number()? {
+            let (centre, slope, [rms, extent]) = (state.reals()?, state.reals()?, state.reals()?);
+            self.known.push_back((Plane { centre, slope, rms }, extent));
+        }
+        Ok(())
     }
 
     fn find_patches(&mut self, points: &[[f32; 3]], sensor: [f64; 3]) {

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use evac_frames::{MapHeader, Route, Voxel, map_flags};
 use evac_ports::services::{MapSnapshot, MapUpdate, SNAPSHOT_REQUEST};
-use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RequestSender};
+use evac_ports::{Bus, FrameSample, FrameSubscriber, Listener, PortError, RequestSender, now_ns};
 
 use super::MAX_HELD;
 use super::gated::GatedFrames;
@@ -12,6 +12,8 @@ use crate::{MapMessage, Reporter};
 
 /// Updates after which an unanswered request is made again: its mapper may have ended.
 const ASK_AGAIN: u64 = MAX_HELD as u64;
+/// Time after which one that resumes asks again, nanoseconds.
+const RESUME_AGAIN_NS: i64 = 200_000_000;
 
 /// An update or a snapshot in shared memory.
 #[derive(Debug)]
@@ -76,6 +78,8 @@ pub(crate) struct MapStream {
     limit: u64,
     /// The map after the last message that was handed on; `None` before the first.
     known: Option<Revision>,
+    /// A snapshot is needed although no update has come: since when one was asked for, host monotonic time.
+    resuming: Option<i64>,
     /// The newest update when a snapshot was asked for; `None` when none is awaited.
     asked_at: Option<u64>,
 }
@@ -91,9 +95,23 @@ impl MapStream {
             held: VecDeque::with_capacity(MAX_HELD + 2),
             limit: u64::MAX,
             known: None,
+            resuming: None,
             asked_at: None,
         };
         Ok((stream, [update_listener, snapshot_listener]))
+    }
+
+    /// Asks for the map at once: its updates may have ended, or wait for this reader.
+    pub(crate) fn resume(&mut self) {
+        self.resuming = Some(i64::MIN);
+    }
+
+    /// When it will ask again, host monotonic time.
+    pub(crate) fn deadline_ns(&self) -> Option<i64> {
+        let has_snapshot = self.held.front().is_some_and(MapSample::is_snapshot);
+        self.resuming
+            .filter(|_| !has_snapshot)
+            .map(|asked_ns| asked_ns.saturating_add(RESUME_AGAIN_NS).max(now_ns()))
     }
 
     pub(crate) fn route(&mut self, route: &Route) {
@@ -130,6 +148,7 @@ impl MapStream {
         self.front().filter(|sample| sample.seq() < self.limit)?;
         let sample = self.held.pop_front()?;
         self.known = Some(Revision::after(sample.header()));
+        self.resuming = None;
         Some(sample)
     }
 
@@ -142,14 +161,14 @@ impl MapStream {
 
     /// Goes on from a snapshot where one is needed and nothing is missing between it and the held updates.
     fn offer(&mut self, snapshot: FrameSample<MapSnapshot>, reporter: &mut Reporter) {
-        if self.is_in_step() {
+        if self.is_in_step() && self.resuming.is_none() {
             return;
         }
         let header = *snapshot.header();
         let same_map = |newest: &MapSample| newest.header().map_epoch == header.map_epoch;
         let joins = match self.held.iter().find(|update| update.seq() > header.frame.seq) {
             Some(next) => Revision::before(next.header()) == Revision::after(&header),
-            None => self.held.back().is_some_and(same_map),
+            None => self.held.back().map_or(self.resuming.is_some(), same_map),
         };
         // Either way the next thing to do is known: go on, or ask for a newer one.
         self.asked_at = None;
@@ -164,6 +183,13 @@ impl MapStream {
     }
 
     fn ask_if_needed(&mut self) -> Result<(), PortError> {
+        let has_snapshot = self.held.front().is_some_and(MapSample::is_snapshot);
+        if let Some(asked_ns) = self.resuming.filter(|_| !has_snapshot)
+            && now_ns() >= asked_ns.saturating_add(RESUME_AGAIN_NS)
+        {
+            self.resuming = Some(now_ns());
+            return self.request.send();
+        }
         let Some(newest) = self.held.back().map(MapSample::seq) else { return Ok(()) };
         let is_due = self.asked_at.is_none_or(|at| newest >= at + ASK_AGAIN);
         if !self.is_in_step() && is_due {

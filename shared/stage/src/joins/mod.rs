@@ -5,6 +5,7 @@
 pub(crate) mod gated;
 pub(crate) mod map;
 mod plan;
+mod salvage;
 mod scan_imu;
 mod scan_pose;
 mod seq;
@@ -64,6 +65,9 @@ pub trait Join: Sized {
 
     /// From frame `seq` on sets are held back; without a limit at first.
     fn limit(&mut self, seq: u64);
+
+    /// This instance leads in the place of one that was killed, which had written down all up to frame `after`.
+    fn resume(&mut self, _after: Option<u64>) {}
 
     /// Number of the first set that is not handed on yet, whole or not.
     fn front(&self) -> Option<u64>;

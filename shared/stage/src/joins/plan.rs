@@ -8,8 +8,9 @@ use evac_ports::{Bus, Listener, PortError};
 
 use super::gated::GatedRecords;
 use super::map::{MapSample, MapStream};
+use super::salvage::{Before, Salvage};
 use super::{Join, JoinOptions};
-use crate::{InputCounters, PlanInput, Reporter};
+use crate::{InputCounters, MapMessage, PlanInput, Reporter};
 
 /// Poses kept until their map update comes: the mapper may be a few seconds behind.
 const MAX_POSES: usize = 128;
@@ -19,16 +20,24 @@ const MAX_POSES: usize = 128;
 pub struct PlanJoin {
     map: MapStream,
     poses: PoseQueue,
+    salvage: Salvage,
+    patience_ns: i64,
 }
 
 impl Join for PlanJoin {
     const SERVICES: &'static [&'static str] = &["map/update", "map/snapshot", "odometry/pose"];
     type Frame<'a> = PlanInput<'a>;
 
-    fn open(bus: &Bus, _options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
+    fn open(bus: &Bus, options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
         let (poses, _) = GatedRecords::open(bus)?;
         let (map, listeners) = MapStream::open(bus)?;
-        Ok((Self { map, poses: PoseQueue::new(poses) }, listeners.into()))
+        let join = Self {
+            map,
+            poses: PoseQueue::new(poses),
+            salvage: Salvage::default(),
+            patience_ns: options.patience_ns,
+        };
+        Ok((join, listeners.into()))
     }
 
     fn route(&mut self, route: &Route) {
@@ -55,12 +64,37 @@ impl Join for PlanJoin {
         reporter: &mut Reporter,
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R> {
+        match self.salvage.before(&self.map, |last| self.poses.reaches(last)) {
+            Before::Nothing => {}
+            Before::Wait => return None,
+            Before::Frame { from, last, header } => {
+                if let Some(pose) = self.poses.first_of(from, last) {
+                    let header = self.salvage.header(&header, &pose);
+                    let map = MapMessage { header: &header, voxels: &[] };
+                    return Some(process(PlanInput { map, pose: &pose }, &header.frame, reporter));
+                }
+            }
+        }
         let sample = self.map.next()?;
+        self.salvage.end();
         let frame = sample.header().frame;
         let pose = self.poses.at(frame.seq);
         reporter.input.late += u64::from(pose.is_none() && !sample.is_snapshot());
         let pose = pose.unwrap_or_else(|| position_only(sample.header()));
         Some(process(PlanInput { map: sample.message(), pose: &pose }, &frame, reporter))
+    }
+
+    fn resume(&mut self, after: Option<u64>) {
+        self.map.resume();
+        self.salvage.resume(after, self.patience_ns);
+    }
+
+    fn done(&mut self, frame: &FrameHeader) -> Option<FrameHeader> {
+        self.salvage.done(frame)
+    }
+
+    fn deadline_ns(&self) -> Option<i64> {
+        self.salvage.deadline_ns(&self.map)
     }
 }
 
@@ -89,6 +123,20 @@ impl PoseQueue {
             self.queue.push_back(pose);
         }
         Ok(())
+    }
+
+    /// Whether all poses up to scan `seq` have come that will.
+    pub(super) fn reaches(&self, seq: u64) -> bool {
+        self.queue.back().is_some_and(|pose| pose.frame.seq >= seq)
+    }
+
+    /// The first pose of a scan from `from` to `last`; older ones are done with.
+    pub(super) fn first_of(&mut self, from: u64, last: u64) -> Option<PoseFrame> {
+        while self.queue.front().is_some_and(|pose| pose.frame.seq < from) {
+            self.queue.pop_front();
+        }
+        let is_wanted = self.queue.front().is_some_and(|pose| pose.frame.seq <= last);
+        if is_wanted { self.queue.pop_front() } else { None }
     }
 
     /// The pose of scan `seq`, where it has come; older ones are done with.

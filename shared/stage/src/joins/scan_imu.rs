@@ -42,6 +42,7 @@ pub struct ScanImuJoin<S: FrameService<Header = ScanHeader>, const PRIOR: bool> 
     priors: VecDeque<PoseFrame>,
     previous_end_ns: Option<i64>,
     imu_seq: SeqTracker,
+    imu_epoch: u32,
     limit: u64,
 }
 
@@ -75,6 +76,7 @@ where
             priors: VecDeque::with_capacity(MAX_PRIORS + 1),
             previous_end_ns: None,
             imu_seq: SeqTracker::default(),
+            imu_epoch: 0,
             limit: u64::MAX,
         };
         Ok((join, listeners))
@@ -168,9 +170,16 @@ where
 
 impl<S: FrameService<Header = ScanHeader>, const PRIOR: bool> ScanImuJoin<S, PRIOR> {
     fn take_imu(&mut self, sample: ImuSample, reporter: &mut Reporter) {
+        let mut rises = self.imu.last().is_none_or(|last| sample.stamp_ns > last.stamp_ns);
+        // Another producer's: what it repeats is old, and with the first that is new it counts as it will.
+        if sample.epoch != self.imu_epoch && rises {
+            self.imu_epoch = sample.epoch;
+            if self.imu_seq.passed().is_some_and(|next| sample.seq < next) {
+                self.imu_seq = SeqTracker::default();
+            }
+        }
         let gap = self.imu_seq.gap(sample.seq);
         reporter.input.imu_lost += gap.unwrap_or(0);
-        let mut rises = self.imu.last().is_none_or(|last| sample.stamp_ns > last.stamp_ns);
         if gap.is_some() {
             self.imu_ended = sample.flags & frame_flags::END_OF_STREAM != 0;
             // The mark may come on the last sample itself, or on a copy of it that is no measurement of its own.

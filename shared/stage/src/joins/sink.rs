@@ -9,8 +9,9 @@ use evac_ports::{Bus, FrameSample, Listener, PortError, RecordSubscriber};
 use super::gated::{GatedFrames, GatedRecords};
 use super::map::{MapSample, MapStream};
 use super::plan::{PoseQueue, position_only};
+use super::salvage::{Before, Salvage};
 use super::{Join, JoinOptions, MAX_HELD};
-use crate::{InputCounters, Reporter, SinkInput};
+use crate::{InputCounters, MapMessage, Reporter, SinkInput};
 
 /// True poses kept: they come first, ahead of the scan by the whole pipeline.
 const MAX_TRUTH: usize = 4 * MAX_HELD;
@@ -24,6 +25,8 @@ pub struct SinkJoin {
     truth_port: RecordSubscriber<TruthPose>,
     held: VecDeque<FrameSample<ScanDeskewed>>,
     truth: VecDeque<PoseFrame>,
+    salvage: Salvage,
+    patience_ns: i64,
 }
 
 impl Join for SinkJoin {
@@ -31,7 +34,7 @@ impl Join for SinkJoin {
         &["map/update", "map/snapshot", "odometry/pose", "scan/deskewed", "truth/pose"];
     type Frame<'a> = SinkInput<'a>;
 
-    fn open(bus: &Bus, _options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
+    fn open(bus: &Bus, options: JoinOptions) -> Result<(Self, Vec<Listener>), PortError> {
         let (poses, _) = GatedRecords::open(bus)?;
         let (scans, _) = GatedFrames::open(bus)?;
         let (truth_port, _) = RecordSubscriber::open(bus)?;
@@ -43,6 +46,8 @@ impl Join for SinkJoin {
             truth_port,
             held: VecDeque::with_capacity(MAX_HELD + 1),
             truth: VecDeque::with_capacity(MAX_TRUTH + 1),
+            salvage: Salvage::default(),
+            patience_ns: options.patience_ns,
         };
         Ok((join, listeners.into()))
     }
@@ -86,17 +91,35 @@ impl Join for SinkJoin {
         reporter: &mut Reporter,
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R> {
+        let reaches = |last| {
+            let scans = self.held.back().is_some_and(|scan| scan.header().frame.seq >= last);
+            scans && self.poses.reaches(last)
+        };
+        match self.salvage.before(&self.map, reaches) {
+            Before::Nothing => {}
+            Before::Wait => return None,
+            Before::Frame { from, last, header } => {
+                if let Some(pose) = self.poses.first_of(from, last) {
+                    let header = self.salvage.header(&header, &pose);
+                    let scan = self.scan_of(header.frame.seq);
+                    reporter.input.late += u64::from(scan.is_none());
+                    let without_scan = ScanHeader { frame: header.frame, ..ScanHeader::default() };
+                    let input = SinkInput {
+                        header: scan.as_ref().map_or(&without_scan, FrameSample::header),
+                        points: scan.as_ref().map_or(&[], FrameSample::items),
+                        pose: &pose,
+                        map: MapMessage { header: &header, voxels: &[] },
+                        truth: self.truth.front().filter(|truth| truth.frame.seq == header.frame.seq),
+                    };
+                    return Some(process(input, &header.frame, reporter));
+                }
+            }
+        }
         let sample = self.map.next()?;
+        self.salvage.end();
         let frame = sample.header().frame;
         let pose = self.poses.at(frame.seq);
-        while self.held.front().is_some_and(|scan| scan.header().frame.seq < frame.seq) {
-            self.held.pop_front();
-        }
-        while self.truth.front().is_some_and(|truth| truth.frame.seq < frame.seq) {
-            self.truth.pop_front();
-        }
-        let has_scan = self.held.front().is_some_and(|scan| scan.header().frame.seq == frame.seq);
-        let scan = if has_scan { self.held.pop_front() } else { None };
+        let scan = self.scan_of(frame.seq);
         let is_whole = scan.is_some() && pose.is_some();
         reporter.input.late += u64::from(!is_whole && !sample.is_snapshot());
         let pose = pose.unwrap_or_else(|| position_only(sample.header()));
@@ -109,5 +132,32 @@ impl Join for SinkJoin {
             truth: self.truth.front().filter(|truth| truth.frame.seq == frame.seq),
         };
         Some(process(input, &frame, reporter))
+    }
+
+    fn resume(&mut self, after: Option<u64>) {
+        self.map.resume();
+        self.salvage.resume(after, self.patience_ns);
+    }
+
+    fn done(&mut self, frame: &FrameHeader) -> Option<FrameHeader> {
+        self.salvage.done(frame)
+    }
+
+    fn deadline_ns(&self) -> Option<i64> {
+        self.salvage.deadline_ns(&self.map)
+    }
+}
+
+impl SinkJoin {
+    /// The scan with that number, where it has come; older scans and true poses are done with.
+    fn scan_of(&mut self, seq: u64) -> Option<FrameSample<ScanDeskewed>> {
+        while self.held.front().is_some_and(|scan| scan.header().frame.seq < seq) {
+            self.held.pop_front();
+        }
+        while self.truth.front().is_some_and(|truth| truth.frame.seq < seq) {
+            self.truth.pop_front();
+        }
+        let has_scan = self.held.front().is_some_and(|scan| scan.header().frame.seq == seq);
+        if has_scan { self.held.pop_front() } else { None }
     }
 }
