@@ -78,9 +78,9 @@ print(f"{sent} scans of {options.points} points at {options.hz:g} Hz: {len(seqs)
 print(f"from sent to received, ms: p50 {p50:.2f}, p99 {p99:.2f}, max {worst:.2f}; computing p50 "
       f"{report.compute.p50_ns * 1e-6:.2f}, p99 {report.compute.p99_ns * 1e-6:.2f}; load {os.getloadavg()[0]:.1f}")
 prefix = f"evac-{os.getuid()}-{domain}_"
-del scans, output, health
+scans = output = health = None
 folder = bus.folder
-del bus
+bus = None
 for left in Path("/dev/shm").glob(prefix + "*"):
     left.unlink(missing_ok=True)
 shutil.rmtree(folder, ignore_errors=True)
