@@ -12,7 +12,7 @@ use evac_lidar::{Config, Lidar, Protocol};
 use evac_ports::services::LidarScan;
 use evac_ports::{Bus, Domain, FrameSubscriber};
 use evac_simulator::devices::livox::{LivoxConfig, LivoxDevice, LivoxProtocol, Wall};
-use evac_stage::{Device as _, RawScanOutput, Reporter, Rig, StageOutput as _};
+use evac_stage::{Device as _, LidarOutput, Reporter, Rig, StageOutput as _};
 
 use crate::support::{Distribution, print_heading};
 
@@ -48,7 +48,7 @@ fn lidar(
     let _lock = domain.lock()?;
     let bus = Bus::join(&domain, "lidar")?;
     let (scans, _) = FrameSubscriber::<LidarScan>::open(&bus)?;
-    let mut output = RawScanOutput::open(&bus, 0)?;
+    let mut output = LidarOutput::open(&bus, 0)?;
     let mut reporter = Reporter::detached();
     let config = LivoxConfig {
         protocol: of_device,

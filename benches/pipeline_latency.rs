@@ -2,27 +2,22 @@
 //! scheduling. See benches/README.md for what is timed.
 #![allow(clippy::expect_used)] // criterion's closures cannot return errors
 
+#[path = "support/pipeline.rs"]
+mod pipeline;
 mod support;
 
 use std::ops::ControlFlow;
-use std::path::Path;
-use std::process::{Child, Command};
 use std::time::Duration;
 
 use anyhow::{Context as _, anyhow};
 use criterion::{Criterion, SamplingMode};
-use evac_config::Pipeline;
 use evac_ports::services::OdometryPose;
 use evac_ports::{Bus, Domain, Listener, RecordSubscriber, Wake, now_ns, quiet_middleware, wait_on};
-use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use toml::Value as Toml;
 
+use crate::pipeline::Running;
 use crate::support::{Distribution, Summary, print_heading};
 
-/// What `evac up` runs with the simulator: live, in real time.
-const PIPELINE: &str = include_str!("../launch/pipelines/simulated.toml");
-const EVAC: &str = env!("CARGO_BIN_EXE_evac");
 /// A pipeline that gives no pose for this long is broken; its start is in it.
 const PATIENCE_NS: i64 = 30_000_000_000;
 
@@ -106,52 +101,6 @@ impl Poses {
             (_, Ok(false)) => ControlFlow::Continue(Duration::from_secs(1)),
         })??;
         Ok(total_ns)
-    }
-}
-
-/// A pipeline under its launcher; dropping it stops all its processes.
-struct Running {
-    launcher: Child,
-    domain: Domain,
-    _folder: tempfile::TempDir,
-}
-
-impl Running {
-    fn start(domain: Domain) -> anyhow::Result<Self> {
-        let folder = tempfile::tempdir()?;
-        let mut pipeline = Pipeline::parse(Path::new("simulated.toml"), PIPELINE)?;
-        for stage in pipeline.stages.iter_mut().filter(|stage| stage.config.contains_key("output_dir")) {
-            let output = folder.path().to_str().context("the folder for results has no UTF-8 name")?;
-            stage.config.insert("output_dir".to_owned(), Toml::from(output));
-        }
-        let file = folder.path().join("pipeline.toml");
-        std::fs::write(&file, toml::to_string(&pipeline)?)?;
-        let launcher = Command::new(EVAC)
-            .arg("up")
-            .arg(&file)
-            .args(["--domain", domain.name()])
-            .spawn()
-            .with_context(|| format!("{EVAC} cannot be started"))?;
-        Ok(Self { launcher, domain, _folder: folder })
-    }
-
-    /// What `evac status --json` says about each stage.
-    fn status(&self) -> anyhow::Result<Value> {
-        let output =
-            Command::new(EVAC).args(["status", "--json", "--domain", self.domain.name()]).output()?;
-        anyhow::ensure!(output.status.success(), "evac status: {}", String::from_utf8_lossy(&output.stderr));
-        let mut status: Value = serde_json::from_slice(&output.stdout)?;
-        Ok(status["stages"].take())
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        if let Some(pid) = i32::try_from(self.launcher.id()).ok().and_then(Pid::from_raw) {
-            // It may have ended by itself; either way it is reaped here.
-            let _ = kill_process(pid, Signal::TERM);
-        }
-        let _ = self.launcher.wait();
     }
 }
 

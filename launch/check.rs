@@ -5,7 +5,7 @@ use std::path::Path;
 use evac_config::{ConfigError, Pipeline};
 
 use crate::error::LaunchError;
-use crate::registry::{Kind, kind};
+use crate::registry::{Kind, SOURCES, kind};
 
 /// Services that a stage can do without.
 const OPTIONAL: &[&str] = &["odometry/pose", "truth/pose", "map/snapshot"];
@@ -17,7 +17,8 @@ pub(crate) fn check_file(path: &Path) -> Result<(), LaunchError> {
     let pipeline = read_checked(path)?;
     println!("{}: valid, {} stages", path.display(), pipeline.stages.len());
     for stage in &pipeline.stages {
-        let Kind { reads, writes, .. } = kind(&stage.kind)?;
+        let Kind { reads, writes_as, .. } = kind(&stage.kind)?;
+        let writes = writes_as(stage);
         println!("  {:<16} {:<14} {} -> {}", stage.name(), stage.kind, reads.join(" "), writes.join(" "));
     }
     Ok(())
@@ -35,6 +36,12 @@ pub(crate) fn check(pipeline: &Pipeline) -> Result<(), String> {
     if pipeline.stages.is_empty() {
         return Err("there is no [[stage]]; start from a file in launch/pipelines".to_owned());
     }
+    if pipeline.step && !pipeline.stages.iter().any(|stage| SOURCES.contains(&stage.kind.as_str())) {
+        return Err(format!(
+            "step = true needs a stage of kind {}; sensors do not wait",
+            SOURCES.join(" or ")
+        ));
+    }
     let mut kinds = Vec::new();
     for entry in &pipeline.stages {
         let kind = kind(&entry.kind).map_err(|error| error.to_string())?;
@@ -43,21 +50,23 @@ pub(crate) fn check(pipeline: &Pipeline) -> Result<(), String> {
             None => (kind.check)(entry)?,
             Some(executable) => check_executable(entry.name(), executable)?,
         }
-        kinds.push((entry.name(), kind));
+        kinds.push((entry.name(), (kind.writes_as)(entry), kind));
     }
-    for (name, reader) in kinds.iter().filter(|(_, kind)| kind.name != LISTENER) {
+    for (name, _, reader) in kinds.iter().filter(|(_, _, kind)| kind.name != LISTENER) {
         for service in reader.reads {
-            let has_writer = kinds.iter().any(|(_, kind)| kind.writes.contains(service));
+            let has_writer = kinds.iter().any(|(_, writes, _)| writes.contains(service));
             if !has_writer && !OPTIONAL.contains(service) {
-                return Err(format!(
-                    "stage '{name}' reads {service}, which no stage writes; add one that does"
-                ));
+                let remedy = match *service {
+                    "imu/sample" => "add a stage imu, or publish_imu = true to a lidar that has an IMU",
+                    _ => "add one that does",
+                };
+                return Err(format!("stage '{name}' reads {service}, which no stage writes; {remedy}"));
             }
         }
     }
-    for (i, (name, writer)) in kinds.iter().enumerate() {
-        for (other, second) in kinds.iter().skip(i + 1) {
-            if let Some(service) = writer.writes.iter().find(|service| second.writes.contains(service)) {
+    for (i, (name, writes, _)) in kinds.iter().enumerate() {
+        for (other, second, _) in kinds.iter().skip(i + 1) {
+            if let Some(service) = writes.iter().find(|service| second.contains(service)) {
                 return Err(format!(
                     "stages '{name}' and '{other}' both write {service}; remove one of them"
                 ));

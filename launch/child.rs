@@ -2,7 +2,7 @@
 
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
-use std::process::{Child as Process, Command, ExitStatus};
+use std::process::{Child as Process, ChildStdin, Command, ExitStatus, Stdio};
 
 use evac_config::StageEntry;
 use evac_ports::{Domain, Ringer};
@@ -10,6 +10,7 @@ use evac_stage::LogOptions;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use crate::error::LaunchError;
+use crate::registry::SOURCES;
 
 /// One process of a stage.
 #[derive(Debug)]
@@ -21,6 +22,8 @@ pub(crate) struct Child {
     pub(crate) ended: Option<ExitStatus>,
     /// It has reported itself, and was told the routes then.
     pub(crate) greeted: bool,
+    /// Why it was killed, where it hung.
+    pub(crate) hung: Option<String>,
 }
 
 /// How a child is started.
@@ -29,6 +32,8 @@ pub(crate) struct Surroundings {
     pub(crate) domain: Domain,
     pub(crate) log: LogOptions,
     pub(crate) ringer: Ringer,
+    /// A source waits for lines, which the launcher hands on: in a process group of its own it may not read a terminal.
+    pub(crate) step: bool,
 }
 
 impl Child {
@@ -56,7 +61,11 @@ impl Child {
         if standby {
             command.arg("--standby");
         }
-        let process = command.spawn().map_err(|cause| {
+        let steps = around.step && SOURCES.contains(&entry.kind.as_str());
+        if steps {
+            command.stdin(Stdio::piped());
+        }
+        let mut process = command.spawn().map_err(|cause| {
             LaunchError::Path(format!(
                 "cannot start stage '{}' ({}): {cause}; check run in the pipeline file",
                 entry.name(),
@@ -65,7 +74,10 @@ impl Child {
         })?;
         tracing::debug!(stage = entry.name(), epoch, pid = process.id(), "started");
         ring_at_end(process.id(), around.ringer.clone());
-        Ok(Self { name: entry.name().to_owned(), epoch, process, ended: None, greeted: false })
+        if let Some(to_child) = process.stdin.take() {
+            hand_on_lines(to_child);
+        }
+        Ok(Self { name: entry.name().to_owned(), epoch, process, ended: None, greeted: false, hung: None })
     }
 
     pub(crate) fn pid(&self) -> u32 {
@@ -105,6 +117,9 @@ impl Child {
     /// Why it ended, if not as it should.
     pub(crate) fn failure(&self) -> LaunchError {
         use std::os::unix::process::ExitStatusExt as _;
+        if let Some(reason) = &self.hung {
+            return LaunchError::Silent(reason.clone());
+        }
         let status = self.ended.unwrap_or_default();
         match status.code() {
             Some(code @ 1..=5) => {
@@ -136,8 +151,15 @@ fn ring_at_end(pid: u32, ringer: Ringer) {
     drop(std::thread::Builder::new().name("child".to_owned()).spawn(watch));
 }
 
+/// Copies standard input to a child, to its end or the child's.
+fn hand_on_lines(mut to_child: ChildStdin) {
+    let copy = move || std::io::copy(&mut std::io::stdin().lock(), &mut to_child);
+    // Without the thread the child's input ends at once, and it goes on without steps.
+    drop(std::thread::Builder::new().name("steps".to_owned()).spawn(copy));
+}
+
 /// A stage of evac's own runs from this executable; another is named in the pipeline file.
-fn executable(entry: &StageEntry) -> Result<(PathBuf, Vec<PathBuf>), LaunchError> {
+pub(crate) fn executable(entry: &StageEntry) -> Result<(PathBuf, Vec<PathBuf>), LaunchError> {
     match entry.run.as_deref() {
         Some([executable, arguments @ ..]) => Ok((executable.clone(), arguments.to_vec())),
         _ => {

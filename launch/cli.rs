@@ -48,8 +48,22 @@ pub(crate) enum Command {
     Swap(SwapArgs),
     /// Start a second instance that takes over when the first one dies
     Standby(SwapArgs),
-    /// Show every stage of a running pipeline: pid, state, rate, age, losses and latency
+    /// Run a second instance of a processor on the same input, unheard, to compare it
+    Shadow(ShadowArgs),
+    /// Let what runs as a stage's shadow take its place
+    ///
+    /// A new instance of the shadow's executable and configuration follows the routed one until it could go on in its place, and takes
+    /// over as by `evac swap`: the shadow itself has gone its own way. It is ended afterwards.
+    Promote(PromoteArgs),
+    /// Compare a stage with its shadow, or two odometries over a recording: deviation, latency and CPU
+    #[command(after_help = crate::compare::COMPARE_HELP)]
+    Compare(crate::compare::CompareArgs),
+    /// Show every stage of a running pipeline: who is routed, state, rate, age, losses, latency, CPU and memory
     Status(StatusArgs),
+    /// Show the same live on a terminal; also over ssh, NO_COLOR is heeded, q quits
+    Top(DomainArgs),
+    /// Follow one frame through all stages: when it was handed over, received, taken up and done
+    Trace(crate::trace::TraceArgs),
     /// Check a pipeline file without starting anything
     Check(CheckArgs),
     /// Find what would stop or spoil a run on this machine, and say what to do
@@ -63,6 +77,8 @@ pub(crate) enum Command {
                       map_saver, recorder"
     )]
     Stage(StageArgs),
+    /// Print every service and layout of shared memory as JSON, for stages in other languages
+    Services,
     /// Turn a point cloud into octree files, voxel centres and flat maps
     ///
     /// One hit a point and no rays, as OctoMap's updateNode(point, true): the same file byte for byte.
@@ -138,9 +154,8 @@ pub(crate) struct DemoArgs {
     /// Run in real time instead of as fast as it goes
     #[arg(long)]
     pub(crate) real_time: bool,
-    /// Run in real time through the real drivers: a simulated Livox LiDAR on UDP and a WT901C on a pseudo-terminal
-    #[arg(long, conflicts_with = "record")]
-    pub(crate) devices: bool,
+    #[command(flatten)]
+    pub(crate) devices: crate::devices::DevicesArgs,
     #[command(flatten)]
     pub(crate) odometry: OdometryArgs,
     /// Edge of a voxel, metres
@@ -200,6 +215,9 @@ pub(crate) struct MapArgs {
     /// Run live, this many times faster than it was recorded, instead of lossless and as fast as it goes
     #[arg(long, value_name = "FACTOR")]
     pub(crate) rate: Option<f64>,
+    /// Wait for a line on standard input: an empty one lets the next scan go, a number so many, the end of input the rest
+    #[arg(long)]
+    pub(crate) step: bool,
     /// True trajectory; adds the drift to the summary
     #[arg(long, value_name = "TRUTH.tum")]
     pub(crate) truth: Option<PathBuf>,
@@ -246,6 +264,31 @@ pub(crate) struct SwapArgs {
     /// Pipeline file with the new instance's configuration [default: as it is; for another kind its defaults]
     #[arg(long, value_name = "PIPELINE.toml")]
     pub(crate) config: Option<PathBuf>,
+    /// Longest time until the new instance is ready
+    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
+    pub(crate) patience: f64,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Space of shared-memory services [default: evac]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ShadowArgs {
+    /// End the shadow
+    #[arg(long, conflicts_with_all = ["kind", "run", "config"])]
+    pub(crate) stop: bool,
+    #[command(flatten)]
+    pub(crate) swap: SwapArgs,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct PromoteArgs {
+    /// Name of the stage in the pipeline file; `odometry` is whichever there is
+    #[arg(value_name = "STAGE")]
+    pub(crate) stage: String,
     /// Longest time until the new instance is ready
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
     pub(crate) patience: f64,

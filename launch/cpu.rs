@@ -11,7 +11,17 @@ pub(crate) fn shares(board: &HealthBoard) -> BTreeMap<String, f64> {
     board.all().filter_map(|(name, health)| Some((name.to_owned(), share(health.pid)?))).collect()
 }
 
-fn share(pid: u32) -> Option<f64> {
+/// CPU time that a process has taken, user and system, seconds.
+pub(crate) fn cpu_s(pid: u32) -> Option<f64> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    // Fields 14 and 15 of proc(5), counted behind the name.
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    let mut ticks = || fields.next()?.parse::<f64>().ok();
+    Some((ticks()? + ticks()?) / clock_ticks_per_second() as f64)
+}
+
+/// Share of a core that a process has taken since its start, percent.
+pub(crate) fn share(pid: u32) -> Option<f64> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     let uptime = std::fs::read_to_string("/proc/uptime").ok()?;
     percent(&stat, uptime.split_whitespace().next()?.parse().ok()?, clock_ticks_per_second() as f64)

@@ -25,8 +25,9 @@ const MAP: &str = include_str!("pipelines/map.toml");
 /// `evac demo`.
 pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     start_logging(&args.log);
-    let mut pipeline = match args.devices {
-        true => devices::pipeline(&args.output)?,
+    let with_devices = args.devices.devices;
+    let mut pipeline = match with_devices {
+        true => devices::pipeline(&args.output, &args.devices)?,
         false => Pipeline::parse(Path::new("demo.toml"), DEMO)?,
     };
     if args.real_time {
@@ -36,7 +37,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
     let world = Value::try_from(args.world)
         .map_err(|cause| LaunchError::Path(format!("--world {:?}: {cause}", args.world)))?;
     let about = format!("simulated {}, seed {}", world.as_str().unwrap_or_default(), args.seed);
-    let mut set_walk = |key: &str, value: Value| match args.devices {
+    let mut set_walk = |key: &str, value: Value| match with_devices {
         true => devices::set_walk(&mut pipeline, key, value),
         false => set(&mut pipeline, "simulator", key, value),
     };
@@ -54,7 +55,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<(), LaunchError> {
         create_folder(folder)?;
         set_walk("record", path_value(folder)?);
     }
-    let ends_with = args.devices.then_some(devices::SIMULATOR);
+    let ends_with = with_devices.then_some(devices::SIMULATOR);
     let run = Run { command: "demo", output: &args.output, truth: None, about, ends_with };
     run_to_the_end(pipeline, &Domain::new(&args.domain)?, args.resolution, &args.log, &run)
 }
@@ -73,8 +74,9 @@ pub(crate) fn map(args: &MapArgs) -> Result<(), LaunchError> {
         existing(truth)?;
     }
     if let Some(rate) = args.rate {
-        (pipeline.mode, pipeline.rate) = (Mode::Live, rate);
+        (pipeline.mode, pipeline.rate) = (Mode::Live, Some(rate));
     }
+    pipeline.step = args.step;
     let own = format!("map-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
     let run = Run {
@@ -142,29 +144,34 @@ fn run_to_the_end(
 
     let started = Instant::now();
     let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, domain, log)?;
-    let bar = Bar::new(&run.about);
+    // Each step says itself what has gone.
+    let bar = (!pipeline.step).then(|| Bar::new(&run.about));
     let mut frames = 0;
     let mut end = devices::End::of(run.ends_with);
-    let ended = wakeups.wait(|_| match step(&mut supervisor, &bar, &mut frames) {
+    let ended = wakeups.wait(|_| match step(&mut supervisor, bar.as_ref(), &mut frames) {
         Ok(Progress::Running) if supervisor.bus.stop_requested() => ControlFlow::Break(Err(interrupted())),
         Ok(Progress::Running) if end.has_come(supervisor.board()) => ControlFlow::Break(Ok(())),
         Ok(Progress::Running) => ControlFlow::Continue(Duration::from_millis(100)),
         Ok(Progress::Finished) => ControlFlow::Break(Ok(())),
         Err(error) => ControlFlow::Break(Err(error)),
     })?;
-    bar.end();
+    if let Some(bar) = &bar {
+        bar.end();
+    }
     let cpu = cpu::shares(supervisor.board());
     let stopped = supervisor.stop();
     ended.and(stopped)?;
     summary::write(run, &pipeline, supervisor.board(), &cpu, started.elapsed())
 }
 
-fn step(supervisor: &mut Supervisor, bar: &Bar, frames: &mut u64) -> Result<Progress, LaunchError> {
+fn step(supervisor: &mut Supervisor, bar: Option<&Bar>, frames: &mut u64) -> Result<Progress, LaunchError> {
     let progress = supervisor.watch()?;
     while let Some(ack) = supervisor.take_ack()? {
         *frames = (*frames).max(ack.seq + 1);
     }
-    bar.show(*frames, supervisor.total_scans());
+    if let Some(bar) = bar {
+        bar.show(*frames, supervisor.total_scans());
+    }
     Ok(progress)
 }
 

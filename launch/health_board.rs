@@ -7,6 +7,8 @@ use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, Listener, PortError, RecordSubscriber, now_ns};
 use serde_json::{Value, json};
 
+use crate::device_health::device_json;
+
 /// The newest report of every stage of a domain.
 #[derive(Debug)]
 pub(crate) struct HealthBoard {
@@ -67,7 +69,7 @@ impl HealthBoard {
 
 /// Whether an instance processes frames, as far as it says.
 pub(crate) fn leads(health: &Health) -> bool {
-    let others = [StageState::Following, StageState::Ready, StageState::Retired];
+    let others = [StageState::Following, StageState::Ready, StageState::Retired, StageState::Shadow];
     others.iter().all(|state| *state as u32 != health.state)
 }
 
@@ -86,6 +88,8 @@ pub(crate) fn state_word(health: &Health) -> &'static str {
         "standby"
     } else if state(StageState::Retired) {
         "retired"
+    } else if state(StageState::Shadow) {
+        "shadow"
     } else {
         "failed"
     }
@@ -109,6 +113,7 @@ pub(crate) fn as_json(health: &Health) -> Value {
         "last_seq": health.last_seq,
         "latency": latency_json(health),
         "odometry": odometry_json(health),
+        "device": device_json(health),
     })
 }
 
@@ -189,15 +194,17 @@ pub(crate) fn frames_json(health: &Health) -> Value {
 
 /// Latencies of a stage in milliseconds.
 pub(crate) fn latency_json(health: &Health) -> Value {
-    let summary = |latency: &LatencySummary| {
-        let ms = |ns: u64| (ns as f64 * 1e-3).round() * 1e-3;
-        json!({ "count": latency.count, "p50_ms": ms(latency.p50_ns), "p99_ms": ms(latency.p99_ns), "max_ms": ms(latency.max_ns) })
-    };
     json!({
-        "ipc": summary(&health.ipc),
-        "compute": summary(&health.compute),
-        "end_to_end": summary(&health.end_to_end),
+        "ipc": summary_json(&health.ipc),
+        "compute": summary_json(&health.compute),
+        "end_to_end": summary_json(&health.end_to_end),
     })
+}
+
+/// One latency in milliseconds.
+pub(crate) fn summary_json(latency: &LatencySummary) -> Value {
+    let ms = |ns: u64| (ns as f64 * 1e-3).round() * 1e-3;
+    json!({ "count": latency.count, "p50_ms": ms(latency.p50_ns), "p99_ms": ms(latency.p99_ns), "max_ms": ms(latency.max_ns) })
 }
 
 #[cfg(test)]

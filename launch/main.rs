@@ -4,9 +4,11 @@ mod calibrate;
 mod check;
 mod child;
 mod cli;
+mod compare;
 mod control;
 mod convert;
 mod cpu;
+mod device_health;
 mod devices;
 mod doctor;
 mod drift;
@@ -15,15 +17,23 @@ mod eval;
 mod experiment;
 mod finite;
 mod health_board;
+mod incidents;
 mod live;
 mod progress;
+mod pulse;
 mod registry;
 mod restart;
+mod services;
+mod shadow;
 mod slot;
 mod status;
 mod summary;
 mod supervisor;
 mod swap;
+mod top;
+mod trace;
+mod usage;
+mod view;
 
 use std::process::ExitCode;
 
@@ -39,7 +49,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // A stage that ended with an error has said so itself.
             if !matches!(error, LaunchError::Child { .. }) {
-                eprintln!("evac: {error}");
+                evac_stage::say_failure("evac", &error);
             }
             ExitCode::from(error.code())
         }
@@ -55,10 +65,19 @@ fn run(command: Command) -> Result<(), LaunchError> {
         Command::Down(args) => live::down(&args),
         Command::Swap(args) => control::swap(&args),
         Command::Standby(args) => control::standby(&args),
+        Command::Shadow(args) => control::shadow(&args),
+        Command::Promote(args) => control::promote(&args),
+        Command::Compare(args) => compare::compare(&args),
+        Command::Top(args) => top::top(&args),
+        Command::Trace(args) => trace::trace(&args),
         Command::Status(args) => status::status(&args),
         Command::Check(args) => check::check_file(&args.pipeline),
         Command::Doctor(args) => doctor::doctor(&args),
         Command::Stage(args) => registry::run_stage(&args),
+        Command::Services => {
+            services::print();
+            Ok(())
+        }
         Command::Convert(args) => convert::convert(&args),
         Command::Experiment(args) => experiment::experiment(&args),
         Command::Eval(args) => eval::eval(&args),

@@ -29,7 +29,7 @@ impl Bar {
         let (shown, when) = self.last_line.get();
         if self.bar.is_hidden() && frames > shown && when.elapsed() > LINE_INTERVAL {
             let of = total.map_or(String::new(), |total| format!(" of {total}"));
-            eprintln!("{}: {frames}{of} frames", self.about);
+            tracing::info!("{}: {frames}{of} frames", self.about);
             self.last_line.set((frames, Instant::now()));
         }
     }

@@ -17,7 +17,7 @@ use evac_stage::joins::{
 };
 use evac_stage::{
     Device, RunError, RunOptions, Source, Stage, StageConfig, StageOutput, run_device, run_source,
-    run_stage as run_one, start_logging,
+    run_stage as run_one, say_failure, start_logging,
 };
 
 use crate::cli::StageArgs;
@@ -41,6 +41,8 @@ pub(crate) struct Kind {
     pub(crate) reads: &'static [&'static str],
     /// Services it writes.
     pub(crate) writes: &'static [&'static str],
+    /// Those of them that it writes as it is configured.
+    pub(crate) writes_as: fn(&StageEntry) -> &'static [&'static str],
     /// Checks its configuration.
     pub(crate) check: fn(&StageEntry) -> Result<(), String>,
     run: fn(&RunOptions) -> Result<(), RunError>,
@@ -48,6 +50,11 @@ pub(crate) struct Kind {
 
 /// Kinds of which a pipeline has one: they say where the LiDAR is.
 pub(crate) const ODOMETRIES: [&str; 2] = [Lio::NAME, Loam::NAME];
+
+/// What a source writes, whichever.
+const SOURCE_SERVICES: &[&str] = &["lidar/scan", "imu/sample", "truth/pose"];
+/// Kinds that know their whole stream: rate and step are theirs.
+pub(crate) const SOURCES: [&str; 2] = [Simulator::NAME, Replay::NAME];
 
 /// All kinds, in the order in which data flows.
 pub(crate) fn kinds() -> [Kind; 12] {
@@ -81,7 +88,7 @@ pub(crate) fn run_stage(args: &StageArgs) -> Result<(), LaunchError> {
     let kind = kind(&args.kind)?;
     // The stage's own name in front of its message, as its own executable would write it.
     (kind.run)(&args.options).map_err(|error| {
-        eprintln!("{}: {error}", args.options.name.as_deref().unwrap_or(kind.name));
+        say_failure(args.options.name.as_deref().unwrap_or(kind.name), &error);
         LaunchError::Child { name: kind.name.to_owned(), code: error.code() }
     })
 }
@@ -96,6 +103,7 @@ where
         role,
         reads: J::SERVICES,
         writes: S::Output::SERVICES,
+        writes_as: |_| S::Output::SERVICES,
         check: check::<S::Config>,
         run: run_one::<S, J>,
     }
@@ -106,7 +114,8 @@ fn source<S: Source>() -> Kind {
         name: S::NAME,
         role: Role::Producer,
         reads: &[],
-        writes: &["lidar/scan", "imu/sample", "truth/pose"],
+        writes: SOURCE_SERVICES,
+        writes_as: |_| SOURCE_SERVICES,
         check: check::<S::Config>,
         run: run_source::<S>,
     }
@@ -118,6 +127,7 @@ fn device<D: Device>() -> Kind {
         role: Role::Producer,
         reads: &[],
         writes: D::Output::SERVICES,
+        writes_as: |entry| entry.typed_config().map_or(D::Output::SERVICES, |config| D::services(&config)),
         check: check::<D::Config>,
         run: run_device::<D>,
     }

@@ -34,7 +34,8 @@ pub(crate) struct Restarts {
     crashes: Vec<(usize, Instant)>,
     poses: RecordSubscriber<OdometryPose>,
     newest: VecDeque<PoseFrame>,
-    again: RecordPublisher<OdometryPose>,
+    /// Opened when it is needed: by its publishers a recorder knows which services a stage writes.
+    again: Option<RecordPublisher<OdometryPose>>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -53,7 +54,7 @@ impl Restarts {
             crashes: Vec::new(),
             poses: RecordSubscriber::open(bus)?.0,
             newest: VecDeque::with_capacity(REMEMBERED + 1),
-            again: RecordPublisher::open(bus)?,
+            again: None,
         })
     }
 
@@ -140,10 +141,14 @@ impl Supervisor {
             return Ok(Some(restart));
         }
         if ODOMETRIES.contains(&entry.kind.as_str())
-            && let Some(restarts) = &self.restarts
+            && let Some(Restarts { newest, again, .. }) = &mut self.restarts
         {
-            for pose in &restarts.newest {
-                restarts.again.publish(pose)?;
+            let again = match again {
+                Some(again) => again,
+                None => again.insert(RecordPublisher::open(&self.bus)?),
+            };
+            for pose in newest.iter() {
+                again.publish(pose)?;
             }
         }
         self.lead(restart.slot, &entry, |slot| slot.take_over(epoch))?;

@@ -21,7 +21,7 @@ stop() {
 trap stop INT TERM
 
 while :; do
-    "$evac" up --log-json "$pipeline" &
+    "$evac" up --log-format json "$pipeline" &
     child=$!
     code=0
     wait "$child" || code=$?
@@ -30,6 +30,6 @@ while :; do
         0) exit 0 ;;           # the walk has ended
         2|3) exit "$code" ;;   # usage or configuration
     esac
-    echo "evac ended with code $code; again in $pause_s s" >&2
+    printf '{"level":"WARN","fields":{"message":"evac ended with code %s; again in %s s"}}\n' "$code" "$pause_s" >&2
     sleep "$pause_s"
 done

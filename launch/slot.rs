@@ -16,6 +16,8 @@ pub(crate) struct Slot {
     pub(crate) epoch: u32,
     next_epoch: u32,
     generation: u64,
+    /// Times that it was started again after a crash.
+    pub(crate) restarts: u64,
     /// The newest word on who leads; nothing was said while it is the first instance.
     pub(crate) route: Option<Route>,
 }
@@ -23,7 +25,15 @@ pub(crate) struct Slot {
 impl Slot {
     pub(crate) fn new(entry: &StageEntry) -> Result<Self, LaunchError> {
         let role = kind(&entry.kind)?.role;
-        Ok(Self { entry: entry.clone(), role, epoch: 0, next_epoch: 1, generation: 0, route: None })
+        Ok(Self {
+            entry: entry.clone(),
+            role,
+            epoch: 0,
+            next_epoch: 1,
+            generation: 0,
+            restarts: 0,
+            route: None,
+        })
     }
 
     pub(crate) fn name(&self) -> &str {
@@ -49,6 +59,12 @@ impl Slot {
         let route = self.word(self.epoch, from_seq, flags)?;
         self.route = Some(route);
         Ok(route)
+    }
+
+    /// `epoch`, which had handed over, leads again: the one that took over has died. `before` is what was said when it led.
+    pub(crate) fn go_back(&mut self, epoch: u32, before: Option<Route>) -> Result<Route, LaunchError> {
+        (self.epoch, self.route) = (epoch, before);
+        self.go_on()
     }
 
     /// `epoch` leads after `last_seq`, which an older instance that still lives has dealt with.

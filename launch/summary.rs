@@ -10,6 +10,7 @@ use evac_evaluation::{associate, associate_absolute};
 use evac_formats::{tum, write_atomically};
 use serde_json::{Map, Value, json};
 
+use crate::device_health::device_json;
 use crate::drift::{Drift, drift};
 use crate::error::LaunchError;
 use crate::health_board::{HealthBoard, frames_json, latency_json, odometry_json, odometry_line};
@@ -64,7 +65,7 @@ pub(crate) fn write(
         // Devices and truth are on the host's clock, and the first scans go by while the device's clock is being fitted.
         let pairs = if run.ends_with.is_some() { associate_absolute } else { associate };
         drift(&truth, &trajectory, pairs).unwrap_or_else(|cause| {
-            eprintln!("no drift in the summary: {cause}");
+            tracing::warn!("no drift in the summary: {cause}");
             None
         })
     });
@@ -73,10 +74,12 @@ pub(crate) fn write(
         .all()
         .map(|(name, health)| {
             let cpu = cpu.get(name);
-            (
-                name.to_owned(),
-                json!({ "frames": frames_json(health), "latency": latency_json(health), "cpu_percent": cpu }),
-            )
+            let mut stage =
+                json!({ "frames": frames_json(health), "latency": latency_json(health), "cpu_percent": cpu });
+            if let device @ Value::Object(_) = device_json(health) {
+                stage["device"] = device;
+            }
+            (name.to_owned(), stage)
         })
         .collect();
     let odometry = pipeline.stages.iter().find(|entry| ODOMETRIES.contains(&entry.kind.as_str()));

@@ -15,11 +15,14 @@ use evac_stage::LogOptions;
 use rustix::process::Signal;
 
 use crate::child::{Child, Surroundings};
-use crate::control::Server;
+use crate::control::{Order, Server};
 use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
+use crate::incidents::{Incident, Incidents};
+use crate::pulse::{Pulse, Watch, line_of};
 use crate::registry::Role;
 use crate::restart::Restarts;
+use crate::shadow::Shadows;
 use crate::slot::Slot;
 use crate::swap::Operation;
 
@@ -40,8 +43,13 @@ pub(crate) struct Supervisor {
     pub(crate) board: HealthBoard,
     pub(crate) around: Surroundings,
     pub(crate) operation: Option<Operation>,
+    pub(crate) shadows: Shadows,
     /// Where crashed stages are started anew.
     pub(crate) restarts: Option<Restarts>,
+    /// Stages that died, and what became of them.
+    pub(crate) incidents: Incidents,
+    pub(crate) pulse: Pulse,
+    watch: Watch,
     control: Server,
     acks: RecordSubscriber<SinkAck>,
     routes: RecordPublisher<Routes>,
@@ -84,6 +92,7 @@ impl Supervisor {
         log: &LogOptions,
     ) -> Result<(Self, Wakeups), LaunchError> {
         let lock = domain.lock()?;
+        Shadows::clean_up(domain)?;
         let bus = Bus::join(domain, "launcher")?;
         bus.clean_up_dead();
         let (board, health_listener) = HealthBoard::open(&bus)?;
@@ -94,9 +103,18 @@ impl Supervisor {
             slots: pipeline.stages.iter().map(Slot::new).collect::<Result<_, _>>()?,
             children: Vec::new(),
             board,
-            around: Surroundings { domain: domain.clone(), log: *log, ringer: bell.ringer() },
+            around: Surroundings {
+                domain: domain.clone(),
+                log: *log,
+                ringer: bell.ringer(),
+                step: pipeline.step,
+            },
             operation: None,
+            shadows: Shadows::default(),
             restarts: None,
+            incidents: Incidents::of(domain),
+            pulse: Pulse::open(&bus)?,
+            watch: Watch::default(),
             control: Server::start(domain, bell.ringer())?,
             acks,
             routes: RecordPublisher::open(&bus)?,
@@ -152,7 +170,12 @@ impl Supervisor {
             child.look()?;
         }
         self.greet()?;
-        while let Some((request, reply)) = self.control.next() {
+        self.feel_pulse()?;
+        while let Some((request, mut reply)) = self.control.next() {
+            if request.order == Order::Stages {
+                reply.stages(self.stage_words());
+                continue;
+            }
             self.take_request(&request, reply);
         }
         self.operate()?;
@@ -195,6 +218,52 @@ impl Supervisor {
         Ok(())
     }
 
+    /// Follows every stage frame by frame: one that hangs is killed, and one that was started again is seen to go on.
+    fn feel_pulse(&mut self) -> Result<(), LaunchError> {
+        self.pulse.take_in()?;
+        for slot in &self.slots {
+            let Some(line) = line_of(slot).filter(|_| self.incidents.open(slot.name())) else { continue };
+            if let Some(beat) = self.pulse.came(&line) {
+                self.incidents.resumed(slot.name(), beat);
+            }
+        }
+        let after = self.pipeline.supervision.hang_after_frames;
+        let hung = self.watch.hung(&self.slots, &self.pulse, self.pipeline.mode, after)?;
+        for (index, reason) in hung {
+            let Some((name, epoch)) = self.slots.get(index).map(|slot| (slot.name().to_owned(), slot.epoch))
+            else {
+                continue;
+            };
+            self.watch.forget(index);
+            // Who hands over stops by order, and is looked after there.
+            if self.operation.as_ref().is_some_and(|operation| operation.cuts(&name)) {
+                continue;
+            }
+            let child = self.children.iter_mut().find(|child| child.name == name && child.epoch == epoch);
+            if let Some(child) = child.filter(|child| child.ended.is_none() && child.greeted) {
+                child.hung = Some(reason);
+                child.kill()?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Remembers that an instance that led has died.
+    fn note_death(&mut self, index: usize, cause: &LaunchError, standby: bool) {
+        let Some(slot) = self.slots.get(index) else { return };
+        let epoch = self.children.iter().filter(|child| child.name == slot.name() && child.ended.is_some());
+        let epoch = epoch.map(|child| child.epoch).min().unwrap_or(slot.epoch);
+        let line = line_of(slot);
+        // One that never got as far as the instance before it has put out nothing new.
+        let before = self.incidents.of_stage(slot.name()).next_back().and_then(|incident| incident.last_seq);
+        let last_seq = line.as_ref().and_then(|line| self.pulse.newest(line, epoch)).max(before);
+        if let Some(line) = line {
+            self.pulse.want(line.clone(), epoch, last_seq);
+            self.pulse.forget(&line, epoch);
+        }
+        self.incidents.add(Incident::new(slot.name(), epoch, cause.to_string(), standby, last_seq));
+    }
+
     /// Where the leading instance of a stage has died, a standby that is ready takes its place, or else it is started anew.
     fn replace_dead(&mut self) -> Result<(), LaunchError> {
         let died = |child: &Child| child.ended.is_some_and(|status: ExitStatus| !status.success());
@@ -207,12 +276,15 @@ impl Supervisor {
             let Some(dead) = dead else { continue };
             let (name, old, cause) = (dead.name.clone(), dead.epoch, dead.failure());
             if let Some((epoch, pid)) = self.ready_standby(index) {
+                self.note_death(index, &cause, true);
                 self.say(index, |slot| slot.take_over(epoch))?;
                 tracing::warn!(stage = name, %cause, epoch, pid, "the standby has taken over");
                 self.end(&name, old)?;
                 self.board.lead(&name, epoch);
             } else if self.plan_restart(index, (&name, old))? {
+                self.note_death(index, &cause, false);
                 tracing::warn!(stage = name, %cause, "is started again");
+                self.slots.iter_mut().skip(index).take(1).for_each(|slot| slot.restarts += 1);
                 self.end(&name, old)?;
             }
         }

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use evac_config::{Pipeline, StageEntry};
 use evac_formats::write_atomically;
-use evac_frames::{Health, StageState};
+use evac_frames::{Health, Route, StageState};
 use evac_recorder::Recorder;
 use evac_stage::Stage as _;
 use rustix::process::Signal;
@@ -18,8 +18,11 @@ use crate::supervisor::Supervisor;
 
 /// How long the old instance may take to finish the frame that it is at, before it is taken for hung and killed.
 const HAND_OVER_PATIENCE: Duration = Duration::from_secs(10);
-/// How long the old instance stays after the new one leads, so that slow readers find everything in its place.
-const LINGER: Duration = Duration::from_millis(300);
+/// How long the old instance stays after the new one leads (ten frames of the twenty that it can hold): so that it goes on if the new
+/// one dies of its first frames, and slow readers find everything in its place.
+const LINGER: Duration = Duration::from_secs(1);
+/// How long the new instance may take to lead after the word, while the old one still holds every frame since.
+const TAKE_OVER_PATIENCE: Duration = Duration::from_secs(2);
 /// How long it may take to end then.
 const END_PATIENCE: Duration = Duration::from_secs(5);
 
@@ -35,6 +38,8 @@ pub(crate) struct Operation {
     pid: u32,
     started: Instant,
     ready_s: f64,
+    /// How it was before the new one was routed, and when it was.
+    before: Option<(StageEntry, Option<Route>, Instant)>,
     phase: Phase,
 }
 
@@ -53,6 +58,9 @@ enum Phase {
 impl Supervisor {
     /// Takes up a request, or says why not.
     pub(crate) fn take_request(&mut self, request: &Request, mut reply: Reply) {
+        if request.order == Order::Unshadow {
+            return self.end_shadow_by_request(request, reply);
+        }
         if self.operation.is_some() {
             return reply.fail("another request is under way; ask again when it is through");
         }
@@ -74,6 +82,7 @@ impl Supervisor {
                     pid,
                     started: now,
                     ready_s: 0.0,
+                    before: None,
                     phase: Phase::WarmUp { until },
                 });
             }
@@ -83,7 +92,14 @@ impl Supervisor {
 
     fn begin(&mut self, request: &Request) -> Result<(usize, StageEntry, u32, u32), LaunchError> {
         let slot = self.slot_of(&request.stage)?;
-        let entry = self.entry_for(slot, request)?;
+        let entry = match request.order {
+            Order::Promote => self.shadow_of(slot)?.entry.clone(),
+            _ => self.entry_for(slot, request)?,
+        };
+        if request.order == Order::Shadow {
+            let (epoch, pid) = self.start_shadow(slot, &entry)?;
+            return Ok((slot, entry, epoch, pid));
+        }
         let is_as_before = request.run.is_none() && request.kind.is_none() && request.config.is_none();
         if request.order == Order::Swap
             && is_as_before
@@ -101,6 +117,17 @@ impl Supervisor {
         slot: usize,
         entry: &StageEntry,
     ) -> Result<(u32, u32), LaunchError> {
+        self.start_beside(slot, entry, entry, true)
+    }
+
+    /// Starts an instance of `entry` beside the one that leads, by the command line of `started`.
+    pub(crate) fn start_beside(
+        &mut self,
+        slot: usize,
+        entry: &StageEntry,
+        started: &StageEntry,
+        standby: bool,
+    ) -> Result<(u32, u32), LaunchError> {
         let mut pipeline = self.pipeline.clone();
         if let Some(place) = pipeline.stages.get_mut(slot) {
             *place = entry.clone();
@@ -111,14 +138,14 @@ impl Supervisor {
         let text = toml::to_string(&pipeline)
             .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
         write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
-        let child = Child::spawn(entry, &file, (epoch, true), &self.around)?;
+        let child = Child::spawn(started, &file, (epoch, standby), &self.around)?;
         let pid = child.pid();
         self.children.push(child);
         Ok((epoch, pid))
     }
 
     /// The stage by its name; `odometry` is whichever there is.
-    fn slot_of(&self, name: &str) -> Result<usize, LaunchError> {
+    pub(crate) fn slot_of(&self, name: &str) -> Result<usize, LaunchError> {
         let by_name = self.slots.iter().position(|slot| slot.name() == name);
         let is_odometry = |kind: &str| name == "odometry" && ODOMETRIES.contains(&kind);
         let found = by_name.or_else(|| self.slots.iter().position(|slot| is_odometry(&slot.entry.kind)));
@@ -205,6 +232,12 @@ impl Supervisor {
         let name = operation.entry.name().to_owned();
         let state = self.child(&name, epoch).and_then(|child| self.state_of(child));
         let gone = self.child(&name, epoch).is_none_or(|child| child.ended.is_some());
+        if let Phase::Linger { old, told: false, .. } = operation.phase
+            && gone
+            && self.child(&name, old).is_some_and(|child| child.ended.is_none())
+        {
+            return self.go_back(operation, old);
+        }
         match operation.phase {
             Phase::WarmUp { until } => {
                 if gone {
@@ -217,7 +250,9 @@ impl Supervisor {
                     operation.phase = Phase::TakeOver { old: None, since: Instant::now(), from_seq: 0 };
                     return Ok(Some(operation));
                 }
-                if state != Some(StageState::Ready as u32) {
+                let is_shadow = operation.order == Order::Shadow;
+                let awaited = if is_shadow { StageState::Shadow } else { StageState::Ready };
+                if state != Some(awaited as u32) {
                     if Instant::now() < until {
                         return Ok(Some(operation));
                     }
@@ -232,7 +267,7 @@ impl Supervisor {
                     );
                 }
                 operation.ready_s = operation.started.elapsed().as_secs_f64();
-                if operation.order == Order::Standby {
+                if is_shadow || operation.order == Order::Standby {
                     operation.reply.done(&operation.outcome(None, None));
                     return Ok(None);
                 }
@@ -254,6 +289,8 @@ impl Supervisor {
                     .map(|health| health.last_seq);
                 let old_gone = self.child(&name, old).is_none_or(|child| child.ended.is_some());
                 if let Some(last_seq) = retired {
+                    operation.before =
+                        self.slots.get(slot).map(|slot| (slot.entry.clone(), slot.route, Instant::now()));
                     let route = self.lead(slot, &operation.entry, |slot| slot.hand_over(epoch, last_seq))?;
                     operation.phase = Phase::TakeOver { old: Some(old), since, from_seq: route };
                 } else if old_gone || since.elapsed() > HAND_OVER_PATIENCE {
@@ -269,6 +306,11 @@ impl Supervisor {
                 let leads = state.is_some_and(|state| {
                     state == StageState::Running as u32 || state == StageState::Finished as u32
                 });
+                let routed = operation.before.as_ref().map_or(since, |(_, _, routed)| *routed);
+                let is_late = !leads && routed.elapsed() > TAKE_OVER_PATIENCE;
+                if let Some(old) = old.filter(|_| gone || is_late) {
+                    return self.go_back(operation, old);
+                }
                 if gone || !leads {
                     // Its death is that of the instance that leads, and handled as such.
                     return Ok(if gone { None } else { Some(operation) });
@@ -276,9 +318,10 @@ impl Supervisor {
                 let ms = since.elapsed().as_secs_f64() * 1e3;
                 let outcome = operation.outcome(Some(from_seq), Some(ms));
                 let Some(old) = old else {
-                    operation.reply.done(&outcome);
+                    self.finish(slot, operation.order, &mut operation.reply, &outcome)?;
                     return Ok(None);
                 };
+                operation.reply.progress(&format!("instance {epoch} leads from frame {from_seq} on"));
                 operation.phase = Phase::Linger { old, since: Instant::now(), told: false, outcome };
             }
             Phase::Linger { old, since, told, outcome } => {
@@ -286,7 +329,7 @@ impl Supervisor {
                 if ended || since.elapsed() > LINGER + END_PATIENCE {
                     self.end(&name, old)?;
                     self.say(slot, |slot| slot.alone())?;
-                    operation.reply.done(&outcome);
+                    self.finish(slot, operation.order, &mut operation.reply, &outcome)?;
                     return Ok(None);
                 }
                 let due = since.elapsed() > LINGER;
@@ -300,6 +343,39 @@ impl Supervisor {
             }
         }
         Ok(Some(operation))
+    }
+
+    /// The new instance leads.
+    fn finish(
+        &mut self,
+        slot: usize,
+        order: Order,
+        reply: &mut Reply,
+        outcome: &Outcome,
+    ) -> Result<(), LaunchError> {
+        if order == Order::Promote {
+            self.end_shadow(slot)?;
+        }
+        reply.done(outcome);
+        Ok(())
+    }
+
+    /// The new instance has died of its first frames or does not lead at all, and the old one, which still holds its inputs, leads again.
+    fn go_back(&mut self, mut operation: Operation, old: u32) -> Result<Option<Operation>, LaunchError> {
+        let (slot, epoch) = (operation.slot, operation.epoch);
+        let gone = self.child(operation.entry.name(), epoch).is_none_or(|child| child.ended.is_some());
+        let cause = if gone {
+            let why = self.why(operation.entry.name(), epoch);
+            format!("the new instance ended soon after it was to take over: {why}")
+        } else {
+            format!("the new instance did not take over within {} s", TAKE_OVER_PATIENCE.as_secs())
+        };
+        let (entry, route) = match operation.before.take() {
+            Some((entry, route, _)) => (entry, route),
+            None => (operation.entry.clone(), None),
+        };
+        self.lead(slot, &entry, |slot| slot.go_back(old, route))?;
+        self.give_up(operation, &cause)
     }
 
     /// The new instance is killed, and the old one is what it was.
@@ -328,6 +404,11 @@ impl Operation {
             Phase::TakeOver { old, .. } => *old,
         };
         self.entry.name() == name && (self.epoch == epoch || old == Some(epoch))
+    }
+
+    /// Whether a stage of that name is between two instances.
+    pub(crate) fn cuts(&self, name: &str) -> bool {
+        self.entry.name() == name && matches!(self.phase, Phase::HandOver { .. } | Phase::TakeOver { .. })
     }
 
     fn outcome(&self, from_seq: Option<u64>, handover_ms: Option<f64>) -> Outcome {

@@ -32,6 +32,11 @@ impl Case {
     ];
     pub(crate) const MAX_POINTS: usize = 262_144;
 
+    /// Whether every point is written and read.
+    pub(crate) fn is_read(&self) -> bool {
+        self.measure == Measure::WriteAndSum
+    }
+
     /// The point that is written at `index`.
     pub(crate) fn point(&self, index: usize) -> Point {
         match self.measure {

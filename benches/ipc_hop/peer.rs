@@ -7,17 +7,32 @@ use anyhow::Context as _;
 use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
 
 use crate::case::{Case, Measure};
-use crate::{shared_memory, socket};
+use crate::{postcard, shared_memory, socket};
 
 /// First argument of a peer.
 const PEER: &str = "--hop-peer";
 const READY: &str = "ready";
 
-/// How the two processes are connected.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Transport {
+/// What the other process does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Job {
+    /// Answers over shared memory.
     SharedMemory,
+    /// Only receives from shared memory.
+    Listen,
+    /// Answers over a socket.
     Socket,
+    /// Answers over a socket what it has deserialised.
+    Postcard,
+}
+
+impl Job {
+    const ALL: [(Self, &'static str); 4] = [
+        (Self::SharedMemory, "shared-memory"),
+        (Self::Listen, "listen"),
+        (Self::Socket, "socket"),
+        (Self::Postcard, "postcard"),
+    ];
 }
 
 /// A running peer; dropping it ends it.
@@ -30,15 +45,13 @@ impl Peer {
     /// # Errors
     /// It did not start.
     pub(crate) fn start(
-        transport: Transport,
+        job: Job,
         case: &Case,
         domain: &str,
         stdin: impl Into<Stdio>,
     ) -> anyhow::Result<Self> {
-        let transport = match transport {
-            Transport::SharedMemory => "shared-memory",
-            Transport::Socket => "socket",
-        };
+        let named = Job::ALL.iter().find(|(known, _)| *known == job);
+        let (_, transport) = named.context("a peer's job has no name")?;
         let measure = match case.measure {
             Measure::Transport => "transport",
             Measure::WriteAndSum => "write-and-sum",
@@ -82,10 +95,15 @@ pub(crate) fn serve_if_peer() -> anyhow::Result<bool> {
     set_parent_process_death_signal(Some(Signal::TERM))?;
     let measure = if measure == "transport" { Measure::Transport } else { Measure::WriteAndSum };
     let case = Case { points: points.parse()?, measure };
-    match transport {
-        "socket" => socket::serve(&case)?,
-        _ if shared_memory::is_large(&case) => shared_memory::serve::<true>(&case, domain)?,
-        _ => shared_memory::serve::<false>(&case, domain)?,
+    let named = Job::ALL.iter().find(|(_, name)| *name == transport);
+    let (job, _) = named.context("a peer is started with an unknown job")?;
+    match job {
+        Job::Socket => socket::serve(&case)?,
+        Job::Postcard => postcard::serve(&case)?,
+        _ if shared_memory::is_large(&case) => {
+            shared_memory::serve::<true>(&case, domain, *job == Job::SharedMemory)?
+        }
+        _ => shared_memory::serve::<false>(&case, domain, *job == Job::SharedMemory)?,
     }
     Ok(true)
 }

@@ -13,7 +13,7 @@ use evac_ports::{
 };
 
 use crate::case::{Case, Link, RoundTrip};
-use crate::peer::{Peer, Transport, say_ready};
+use crate::peer::{Job, Peer, say_ready};
 
 /// A peer that is silent for this long is broken.
 const PATIENCE_NS: i64 = 10_000_000_000;
@@ -41,23 +41,40 @@ pub(crate) fn is_large(case: &Case) -> bool {
     matches!(LidarScan::LEN, SliceLen::Fixed(most) if case.points > most)
 }
 
-/// Connects to a new peer.
+/// How this side waits for the answer. The peer waits as the stages do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum WakeUp {
+    /// A wait set over several services: the stages' way.
+    WaitSet,
+    /// One service's listener.
+    Listener,
+    /// Looks without a pause; takes a whole core.
+    Spin,
+}
+
+/// Connects to a new peer, and to others that receive the same frames and do not answer.
 ///
 /// # Errors
-/// The services cannot be opened or the peer does not start.
-pub(crate) fn connect(bus: &Bus, domain: &Domain, case: &Case) -> anyhow::Result<Box<dyn Link>> {
+/// The services cannot be opened or a peer does not start.
+pub(crate) fn connect(
+    bus: &Bus,
+    domain: &Domain,
+    case: &Case,
+    wake_up: WakeUp,
+    readers: usize,
+) -> anyhow::Result<Box<dyn Link>> {
     if is_large(case) {
-        Ok(Box::new(SharedMemory::<true>::connect(bus, domain, case)?))
+        Ok(Box::new(SharedMemory::<true>::connect(bus, domain, case, wake_up, readers)?))
     } else {
-        Ok(Box::new(SharedMemory::<false>::connect(bus, domain, case)?))
+        Ok(Box::new(SharedMemory::<false>::connect(bus, domain, case, wake_up, readers)?))
     }
 }
 
-/// Answers every frame until SIGTERM comes.
+/// Receives every frame, and answers it where it `answers`, until SIGTERM comes.
 ///
 /// # Errors
 /// The services cannot be used, or something else came than was sent.
-pub(crate) fn serve<const LARGE: bool>(case: &Case, domain: &str) -> anyhow::Result<()> {
+pub(crate) fn serve<const LARGE: bool>(case: &Case, domain: &str, answers_them: bool) -> anyhow::Result<()> {
     quiet_middleware(true);
     let bus = Bus::join(&Domain::new(domain)?, "bench-peer")?;
     let (frames, listener) = FrameSubscriber::<Direction<LARGE, false>>::open(&bus)?;
@@ -69,7 +86,9 @@ pub(crate) fn serve<const LARGE: bool>(case: &Case, domain: &str) -> anyhow::Res
             let arrival_ns = now_ns();
             case.read(frame.items(), expected_sum)?;
             drop(frame);
-            publish(&answers, case, arrival_ns)?;
+            if answers_them {
+                publish(&answers, case, arrival_ns)?;
+            }
         }
         Ok(())
     };
@@ -86,19 +105,29 @@ struct SharedMemory<const LARGE: bool> {
     listeners: [Listener; 1],
     case: Case,
     expected_sum: u64,
-    _peer: Peer,
+    wake_up: WakeUp,
+    _peers: Vec<Peer>,
 }
 
 impl<const LARGE: bool> SharedMemory<LARGE> {
-    fn connect(bus: &Bus, domain: &Domain, case: &Case) -> anyhow::Result<Self> {
+    fn connect(
+        bus: &Bus,
+        domain: &Domain,
+        case: &Case,
+        wake_up: WakeUp,
+        readers: usize,
+    ) -> anyhow::Result<Self> {
         let (answers, listener) = FrameSubscriber::open(bus)?;
+        let jobs = std::iter::once(Job::SharedMemory).chain(std::iter::repeat_n(Job::Listen, readers - 1));
+        let peers = jobs.map(|job| Peer::start(job, case, domain.name(), Stdio::null()));
         Ok(Self {
             frames: FramePublisher::open(bus)?,
             answers,
             listeners: [listener],
             case: *case,
             expected_sum: case.expected_sum(),
-            _peer: Peer::start(Transport::SharedMemory, case, domain.name(), Stdio::null())?,
+            wake_up,
+            _peers: peers.collect::<Result<_, _>>()?,
         })
     }
 
@@ -135,6 +164,15 @@ impl<const LARGE: bool> Link for SharedMemory<LARGE> {
             }
             Ok(false)
         };
+        if self.wake_up != WakeUp::WaitSet {
+            while !look()? {
+                match self.wake_up {
+                    WakeUp::Spin => std::hint::spin_loop(),
+                    _ => self.listeners[0].wait(LOOK_AGAIN)?,
+                }
+            }
+            return Ok(());
+        }
         wait_on(&self.listeners, |wake| match (wake, look()) {
             (Wake::Stop, _) => ControlFlow::Break(Err(anyhow!("interrupted"))),
             (_, Err(error)) => ControlFlow::Break(Err(error)),

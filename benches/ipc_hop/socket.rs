@@ -10,7 +10,7 @@ use evac_frames::{FrameHeader, Point, ScanHeader};
 use evac_ports::now_ns;
 
 use crate::case::{Case, Link, Measure, RoundTrip};
-use crate::peer::{Peer, Transport, say_ready};
+use crate::peer::{Job, Peer, say_ready};
 
 /// A peer that is silent for this long is broken.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -25,7 +25,7 @@ const HEADER_POINTS: usize = size_of::<ScanHeader>().div_ceil(size_of::<Point>()
 pub(crate) fn connect(case: &Case) -> anyhow::Result<Box<dyn Link>> {
     let (ours, theirs) = UnixStream::pair()?;
     ours.set_read_timeout(Some(PATIENCE))?;
-    let peer = Peer::start(Transport::Socket, case, "", OwnedFd::from(theirs))?;
+    let peer = Peer::start(Job::Socket, case, "", OwnedFd::from(theirs))?;
     let expected_sum = case.expected_sum();
     let wire = Wire { stream: ours, outgoing: message(case), incoming: message(case), case: *case };
     Ok(Box::new(Socket { wire, expected_sum, _peer: peer }))

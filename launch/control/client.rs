@@ -8,7 +8,7 @@ use evac_ports::Domain;
 use evac_stage::RunError;
 
 use super::{Answer, Order, Outcome, Request, socket};
-use crate::cli::SwapArgs;
+use crate::cli::{PromoteArgs, ShadowArgs, SwapArgs};
 use crate::error::LaunchError;
 use crate::status::nothing_runs;
 
@@ -20,6 +20,18 @@ pub(crate) fn swap(args: &SwapArgs) -> Result<(), LaunchError> {
 /// `evac standby STAGE`.
 pub(crate) fn standby(args: &SwapArgs) -> Result<(), LaunchError> {
     ask_and_print(args, Order::Standby)
+}
+
+/// `evac shadow STAGE` and `evac shadow --stop STAGE`.
+pub(crate) fn shadow(args: &ShadowArgs) -> Result<(), LaunchError> {
+    ask_and_print(&args.swap, if args.stop { Order::Unshadow } else { Order::Shadow })
+}
+
+/// `evac promote STAGE`.
+pub(crate) fn promote(args: &PromoteArgs) -> Result<(), LaunchError> {
+    let PromoteArgs { stage, patience, json, domain } = args.clone();
+    let args = SwapArgs { stage, kind: None, run: None, config: None, patience, json, domain };
+    ask_and_print(&args, Order::Promote)
 }
 
 fn ask_and_print(args: &SwapArgs, order: Order) -> Result<(), LaunchError> {
@@ -43,7 +55,7 @@ fn ask_and_print(args: &SwapArgs, order: Order) -> Result<(), LaunchError> {
     let outcome = ask(&domain, &request, |text| eprintln!("{text}"))?;
     match serde_json::to_string(&outcome) {
         Ok(json) if args.json => println!("{json}"),
-        _ => println!("{}", sentence(&outcome)),
+        _ => println!("{}", sentence(order, &outcome)),
     }
     Ok(())
 }
@@ -66,18 +78,23 @@ pub(crate) fn ask(
         match answer {
             Answer::Progress(text) => progress(&text),
             Answer::Done(outcome) => return Ok(outcome),
+            Answer::Stages(_) => {}
             Answer::Failed(cause) => return Err(LaunchError::Silent(cause)),
         }
     }
     Err(LaunchError::Silent("the launcher ended before the request was through".to_owned()))
 }
 
-fn sentence(outcome: &Outcome) -> String {
+fn sentence(order: Order, outcome: &Outcome) -> String {
     let Outcome { stage, kind, pid, epoch, ready_s, .. } = outcome;
     match (outcome.from_seq, outcome.handover_ms) {
         (Some(seq), Some(ms)) => format!(
             "{stage}: instance {epoch} ({kind}, pid {pid}) leads from frame {seq} on; ready after {ready_s:.1} s, handed over in {ms:.1} ms"
         ),
-        _ => format!("{stage}: instance {epoch} ({kind}, pid {pid}) stands by; ready after {ready_s:.1} s"),
+        _ if order == Order::Unshadow => format!("{stage}: the shadow {epoch} ({kind}, pid {pid}) has ended"),
+        _ => {
+            let does = if order == Order::Shadow { "goes on as a shadow" } else { "stands by" };
+            format!("{stage}: instance {epoch} ({kind}, pid {pid}) {does}; ready after {ready_s:.1} s")
+        }
     }
 }

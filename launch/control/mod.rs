@@ -2,14 +2,16 @@
 
 mod client;
 mod server;
+mod stages;
 
 use std::path::PathBuf;
 
 use evac_ports::Domain;
 use serde::{Deserialize, Serialize};
 
-pub(crate) use client::{ask, standby, swap};
+pub(crate) use client::{ask, promote, shadow, standby, swap};
 pub(crate) use server::{Reply, Server};
+pub(crate) use stages::{StageWord, stages};
 
 /// What a launcher can be asked for, one line.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -36,6 +38,14 @@ pub(crate) enum Order {
     Swap,
     /// It follows, and takes over when the routed one dies.
     Standby,
+    /// It goes on beside the routed one, unheard.
+    Shadow,
+    /// The stage's shadow is ended.
+    Unshadow,
+    /// What runs as the stage's shadow takes over.
+    Promote,
+    /// Nothing: the launcher says what it knows of all stages.
+    Stages,
 }
 
 /// What a launcher answers, each a line; the last is `Done` or `Failed`.
@@ -45,6 +55,8 @@ pub(crate) enum Answer {
     /// How far it is.
     Progress(String),
     Done(Outcome),
+    /// To `Order::Stages`.
+    Stages(Vec<StageWord>),
     /// Nothing has changed, and why.
     Failed(String),
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use evac_ports::{Domain, Ringer};
 
-use super::{Answer, Outcome, Request, socket};
+use super::{Answer, Outcome, Request, StageWord, socket};
 use crate::error::LaunchError;
 
 /// A request is one line and comes at once.
@@ -79,6 +79,10 @@ impl Reply {
 
     pub(crate) fn done(&mut self, outcome: &Outcome) {
         self.send(&Answer::Done(outcome.clone()));
+    }
+
+    pub(crate) fn stages(&mut self, stages: Vec<StageWord>) {
+        self.send(&Answer::Stages(stages));
     }
 
     pub(crate) fn fail(&mut self, cause: &str) {

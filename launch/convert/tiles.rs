@@ -1,7 +1,7 @@
 //! Points of one place after another: what is looked up for one is then at hand for the next.
 
-/// Edge of a tile, metres, where the cloud is not larger than [`MOST`] of them.
-const TILE_M: f32 = 2.0;
+/// Edge of a tile, metres, where the cloud is not larger than [`MOST`] of them: about a cell of the ground filter.
+const TILE_M: f32 = 0.25;
 /// Most tiles along a side.
 const MOST: f32 = 1024.0;
 
@@ -15,7 +15,9 @@ pub(super) fn arranged(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         }
     }
     let extent = (high[0] - low[0]).max(high[1] - low[1]).max(0.0);
-    let edge = TILE_M.max(extent / (MOST - 1.0));
+    let edge = TILE_M.max(extent / (MOST - 2.0));
+    // Tiles of the ground filter's size are its cells, which begin at zero.
+    let low = low.map(|low| (low / edge).floor() * edge);
     // Casts saturate, and take NaN for 0: points without numbers come first.
     let column = |value: f32, low: f32| (((value - low) / edge) as usize).min(MOST as usize - 1);
     let tile = |point: &[f32; 3]| column(point[1], low[1]) * MOST as usize + column(point[0], low[0]);

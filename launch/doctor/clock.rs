@@ -13,6 +13,12 @@ const FAST: [&str; 4] = ["tsc", "arch_sys_counter", "kvm-clock", "hyperv_clockso
 const WATCHED: Duration = Duration::from_secs(1);
 /// Changes of the wall clock against the monotonic one that are no slewing, nanoseconds.
 const STEP_NS: i64 = 1_000_000;
+/// A sleep for measuring how late it ends.
+const NAP: Duration = Duration::from_millis(2);
+/// Later wake-ups than this, half of a sample's period and more, show in the IMU's stamps, nanoseconds.
+const LATE_NS: i64 = 5_000_000;
+/// A look that takes longer is a system call, nanoseconds.
+const SLOW_NS: i64 = 500;
 /// NTP slews by at most 500 ppm; so much is felt when clocks are fitted.
 const SLEW_PPM: f64 = 200.0;
 
@@ -23,7 +29,52 @@ pub(crate) fn look(root: &Path) -> Vec<Finding> {
     let (wall, raw) = offsets();
     std::thread::sleep(WATCHED);
     let (wall_later, raw_later) = offsets();
-    source.into_iter().chain([judge_turning(wall_later - wall, raw_later - raw)]).collect()
+    let quality = judge_quality(read_ns(), wake_up_ns());
+    source.into_iter().chain([judge_turning(wall_later - wall, raw_later - raw), quality]).collect()
+}
+
+/// What a look at the monotonic clock costs, nanoseconds: the median of some.
+fn read_ns() -> i64 {
+    const READS: i64 = 1000;
+    let mut times: Vec<_> = (0..9)
+        .map(|_| {
+            let began = monotonic_ns();
+            let last = (0..READS).fold(began, |_, _| monotonic_ns());
+            (last - began) / READS
+        })
+        .collect();
+    times.sort_unstable();
+    times[times.len() / 2]
+}
+
+/// How much later than asked a sleep ends, nanoseconds: the second worst of fifty.
+fn wake_up_ns() -> i64 {
+    let mut late: Vec<_> = (0..50)
+        .map(|_| {
+            let began = monotonic_ns();
+            std::thread::sleep(NAP);
+            monotonic_ns() - began - NAP.as_nanos() as i64
+        })
+        .collect();
+    late.sort_unstable();
+    late[late.len() - 2]
+}
+
+fn monotonic_ns() -> i64 {
+    let time = clock_gettime(ClockId::Monotonic);
+    time.tv_sec * 1_000_000_000 + time.tv_nsec
+}
+
+fn judge_quality(read_ns: i64, late_ns: i64) -> Finding {
+    let text = format!("a look takes {read_ns} ns; a sleep ends up to {:.1} ms late", late_ns as f64 * 1e-6);
+    if late_ns > LATE_NS {
+        let remedy = "end what else keeps the machine busy: an IMU's bytes are stamped when a process wakes up for them";
+        return Finding::advice(TOPIC, text, remedy);
+    }
+    if read_ns > SLOW_NS {
+        return Finding::advice(TOPIC, text, "boot with clocksource=tsc, if the kernel trusts it");
+    }
+    Finding::good(TOPIC, text)
 }
 
 fn judge_source(source: &str) -> Finding {
@@ -75,5 +126,14 @@ mod tests {
         assert!(judge_turning(400_000, -450_000).text.contains("-450 ppm"));
         assert_eq!(judge_source("tsc").grade, Grade::Good);
         assert_eq!(judge_source("hpet").grade, Grade::Advice);
+    }
+
+    #[test]
+    fn a_clock_that_is_slow_to_read_and_a_machine_that_wakes_late_are_advised_on() {
+        assert_eq!(judge_quality(30, 300_000).grade, Grade::Good);
+        assert!(judge_quality(30, 12_000_000).text.contains("12.0 ms late"));
+        assert_eq!(judge_quality(30, 12_000_000).grade, Grade::Advice);
+        assert_eq!(judge_quality(900, 300_000).grade, Grade::Advice);
+        assert!((0..1_000_000).contains(&read_ns()) && wake_up_ns() >= 0);
     }
 }

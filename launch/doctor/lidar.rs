@@ -3,18 +3,15 @@
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 use evac_config::StageEntry;
 
 use super::finding::Finding;
+use super::search::Search;
 
-const TOPIC: &str = "lidar";
+pub(super) const TOPIC: &str = "lidar";
 /// What the driver asks for where its configuration names nothing, MiB.
 const BUFFER_MIB: u64 = 4;
-/// Port on which devices of the first protocol announce themselves, each second.
-const BROADCAST_PORT: u16 = 55_000;
-const LISTENED: Duration = Duration::from_millis(2500);
 const SYSCTL: &str = "install launch/sysctl/60-evac.conf, which says how";
 
 /// Whether the system gives the receive buffer that a driver asks for.
@@ -49,10 +46,9 @@ pub(crate) fn look(root: &Path, entry: &StageEntry) -> Vec<Finding> {
             return findings;
         }
     }
-    if text("protocol") != Some("sdk2") && !interface.is_loopback() {
-        let device = text("device").and_then(|address| address.parse().ok());
-        findings.push(announcements(root, interface, device));
-    }
+    let device = text("device").and_then(|address| address.parse().ok());
+    let second_protocol = text("protocol") == Some("sdk2");
+    findings.push(Search { root, interface, device, second_protocol }.run());
     findings
 }
 
@@ -69,67 +65,6 @@ fn address(interface: Ipv4Addr) -> Result<Finding, Finding> {
             Err(Finding::fault(TOPIC, format!("{interface}: {cause}"), "correct `interface` (`ip -4 addr`)"))
         }
     }
-}
-
-/// Listens for devices of the first protocol, and tells silence from a firewall.
-fn announcements(root: &Path, interface: Ipv4Addr, device: Option<Ipv4Addr>) -> Finding {
-    let socket = match UdpSocket::bind(SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, BROADCAST_PORT)) {
-        Ok(socket) => socket,
-        Err(cause) if cause.kind() == ErrorKind::AddrInUse => {
-            let text = format!("another program listens on UDP {BROADCAST_PORT}");
-            return Finding::advice(
-                TOPIC,
-                text,
-                "end it if it is the vendor's viewer (`ss -lunp`): a device has one host",
-            );
-        }
-        Err(cause) => {
-            return Finding::fault(TOPIC, format!("UDP {BROADCAST_PORT}: {cause}"), "see `ss -lunp`");
-        }
-    };
-    let before = packets(root);
-    match listen(&socket, device) {
-        Some(from) => Finding::good(TOPIC, format!("a Livox device announces itself from {from}")),
-        None => {
-            let whom = device.map_or_else(|| "no device".to_owned(), |address| format!("not {address}"));
-            let text = format!(
-                "{whom} announced itself on UDP {BROADCAST_PORT} in {:.1} s; {} packets came in on all networks meanwhile",
-                LISTENED.as_secs_f64(),
-                packets(root).saturating_sub(before)
-            );
-            let remedy = format!(
-                "power, cable, and its network like {interface}'s; if `sudo tcpdump -ni any udp port {BROADCAST_PORT}` \
-                 shows packets, a firewall eats them (`sudo nft list ruleset`, `sudo ufw status`)"
-            );
-            Finding::fault(TOPIC, text, remedy)
-        }
-    }
-}
-
-/// The first sender, or the wanted one.
-fn listen(socket: &UdpSocket, device: Option<Ipv4Addr>) -> Option<std::net::IpAddr> {
-    let until = Instant::now() + LISTENED;
-    let mut buffer = [0; 2048];
-    while let Some(left) = until.checked_duration_since(Instant::now()).filter(|left| !left.is_zero()) {
-        socket.set_read_timeout(Some(left)).ok()?;
-        if let Ok((_, from)) = socket.recv_from(&mut buffer)
-            && device.is_none_or(|device| from.ip() == device)
-        {
-            return Some(from.ip());
-        }
-    }
-    None
-}
-
-/// Packets that have come in on all networks but the loopback.
-fn packets(root: &Path) -> u64 {
-    let text = std::fs::read_to_string(root.join("proc/net/dev")).unwrap_or_default();
-    let received = |line: &str| {
-        let (name, numbers) = line.split_once(':')?;
-        let count = numbers.split_whitespace().nth(1)?.parse::<u64>().ok()?;
-        (name.trim() != "lo").then_some(count)
-    };
-    text.lines().filter_map(received).sum()
 }
 
 #[cfg(test)]
@@ -154,12 +89,6 @@ mod tests {
         let root = root_with("proc/sys/net/core/rmem_max", "8388608\n");
         assert_eq!(buffers(root.path(), Some(8)).grade, Grade::Good);
         assert_eq!(buffers(root.path(), Some(9)).grade, Grade::Advice);
-    }
-
-    #[test]
-    fn packets_of_all_networks_but_the_loopback_are_counted() {
-        let text = "Inter-|   Receive\n face |bytes    packets errs\n    lo:  9 5 0 0\n  eth0: 100 7 0 0\n wlan0:3 4 0\n";
-        assert_eq!(packets(root_with("proc/net/dev", text).path()), 11);
     }
 
     #[test]

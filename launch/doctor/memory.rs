@@ -17,12 +17,14 @@ const LEAST_MIB: u64 = 65;
 /// Digits of the hash that the middleware puts behind a domain's prefix.
 const HASH: usize = 40;
 
-/// Domains whose files no living process has.
-pub(crate) fn leftovers(clean: bool) -> Vec<Finding> {
+/// Domains whose files no living process has; of one domain only, or of all.
+pub(crate) fn leftovers(clean: bool, only: Option<&str>) -> Vec<Finding> {
     let uid = rustix::process::getuid().as_raw();
     let mut domains: BTreeMap<String, (usize, u64)> = BTreeMap::new();
     for entry in fs::read_dir(SHARED).into_iter().flatten().flatten() {
-        if let Some(name) = domain_of(&entry.file_name().to_string_lossy(), uid) {
+        let file = entry.file_name();
+        let file = file.to_string_lossy();
+        if let Some(name) = domain_of(&file, uid).filter(|name| only.is_none_or(|only| only == *name)) {
             let (files, bytes) = domains.entry(name.to_owned()).or_default();
             *files += 1;
             *bytes += entry.metadata().map_or(0, |data| data.len());

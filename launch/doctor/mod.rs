@@ -6,7 +6,9 @@ mod imu;
 mod lidar;
 mod memory;
 mod processor;
+mod search;
 mod serial;
+mod wire;
 
 use std::path::{Path, PathBuf};
 
@@ -29,6 +31,9 @@ pub(crate) struct DoctorArgs {
     /// Remove what dead pipelines left in shared memory
     #[arg(long)]
     clean: bool,
+    /// Look at (and clean) what was left in this domain only
+    #[arg(long)]
+    domain: Option<String>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -37,7 +42,7 @@ pub(crate) struct DoctorArgs {
 /// `evac doctor [PIPELINE.toml]`.
 pub(crate) fn doctor(args: &DoctorArgs) -> Result<(), LaunchError> {
     let root = Path::new("/");
-    let mut findings = memory::leftovers(args.clean);
+    let mut findings = memory::leftovers(args.clean, args.domain.as_deref());
     findings.push(memory::room());
     findings.extend(clock::look(root));
     findings.push(processor::look(root));

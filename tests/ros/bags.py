@@ -2,7 +2,9 @@
 
     bags.py write FOLDER        walk.bag, mcap/ and db3/ with the same messages, as rosbags writes them
     bags.py read FILE.mcap      what all three libraries find in a recording, as JSON
+    bags.py stream FILE.mcap    messages of a whole recording, which may have no index
     bags.py salvage FILE.mcap   messages of a recording that was cut off, up to where it ends
+    bags.py octomap FILE DEF    what a serialised octomap_msgs/msg/Octomap says, given its definition
 """
 
 import json
@@ -149,5 +151,23 @@ def salvage(path):
     print(count)
 
 
+def stream(path):
+    with open(path, "rb") as file:
+        print(sum(1 for _ in make_reader(file).iter_messages()))
+
+
+def octomap(path, definition):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    name = "octomap_msgs/msg/Octomap"
+    own = definition.read_text().split("=" * 80)[0]
+    store.register(get_types_from_msg(own, name))
+    map = store.deserialize_cdr(path.read_bytes(), name)
+    stamp = map.header.stamp
+    binary = str(map.binary).lower()
+    print(map.header.frame_id, f"{stamp.sec}.{stamp.nanosec}", binary, map.id, map.resolution, map.data.tobytes().hex())
+
+
 if __name__ == "__main__":
-    {"write": write, "read": read, "salvage": salvage}[sys.argv[1]](Path(sys.argv[2]))
+    command, *paths = sys.argv[1:]
+    commands = {"write": write, "read": read, "stream": stream, "salvage": salvage, "octomap": octomap}
+    commands[command](*map(Path, paths))

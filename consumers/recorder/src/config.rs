@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use evac_formats::mcap::Packing;
 use evac_stage::{StageConfig, check_range};
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +24,8 @@ pub struct RecorderConfig {
     pub ros: bool,
     /// Record frames as they lie in shared memory (topics `/evac/...`), for exact replay.
     pub raw: bool,
+    /// How chunks are packed: `none`, or `lz4` where the disk is small and a core is idle.
+    pub compression: Compression,
     /// Size of a chunk, MiB. A power cut loses at most the chunk that is being filled.
     pub chunk_mib: u32,
     /// Longest time that a chunk is filled, seconds of sensor time.
@@ -36,6 +39,25 @@ pub struct RecorderConfig {
     pub queue_chunks: u32,
 }
 
+/// How chunks are packed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Compression {
+    /// As they are.
+    None,
+    /// LZ4, in pure Rust.
+    Lz4,
+}
+
+impl From<Compression> for Packing {
+    fn from(compression: Compression) -> Self {
+        match compression {
+            Compression::None => Self::None,
+            Compression::Lz4 => Self::Lz4,
+        }
+    }
+}
+
 impl Default for RecorderConfig {
     fn default() -> Self {
         Self {
@@ -44,6 +66,7 @@ impl Default for RecorderConfig {
             services: SERVICES.iter().map(|service| (*service).to_owned()).collect(),
             ros: true,
             raw: true,
+            compression: Compression::None,
             chunk_mib: 4,
             chunk_s: 1.0,
             max_file_mib: 4096,

@@ -3,8 +3,9 @@
 //! back bit by bit.
 //!
 //! Messages go into a chunk in memory; a full chunk goes to a thread that writes and syncs it. A power cut or a kill loses at
-//! most the chunk that is being filled and those that wait for the disk, normally none. After warm-up a frame costs no
-//! allocation of ours; the `mcap` crate makes a small index for each chunk and keeps one entry of it until the file is closed.
+//! most the chunk that is being filled and those that wait for the disk, normally none. A full disk ends the recording, not the
+//! pipeline; what is on it is closed and can be read. After warm-up a frame costs no allocation; each chunk leaves an entry that is
+//! kept until the file is closed.
 
 mod channels;
 mod config;
@@ -12,18 +13,19 @@ mod disk;
 mod messages;
 mod volume;
 
-use std::path::PathBuf;
+use std::io;
+use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use evac_formats::{FormatError, utc_name};
 use evac_frames::PoseFrame;
 use evac_stage::{Counters, NoOutput, Rig, Stage, StageError, Tapped};
-use mcap::McapError;
+use rustix::fs::statvfs;
 
-pub use config::RecorderConfig;
+pub use config::{Compression, RecorderConfig};
 
 use channels::Service;
-use disk::Disk;
+use disk::{Disk, Refused};
 use volume::{Document, Form, Volume};
 
 /// Why a recording cannot go on.
@@ -32,7 +34,9 @@ enum RecorderError {
     /// The file itself.
     File(FormatError),
     /// What the writer says of it, mostly that the disk thread has ended with an error of its own.
-    Mcap(McapError),
+    Writer(io::Error),
+    /// What the disk refused.
+    Disk(Refused),
 }
 
 impl From<FormatError> for RecorderError {
@@ -41,9 +45,15 @@ impl From<FormatError> for RecorderError {
     }
 }
 
-impl From<McapError> for RecorderError {
-    fn from(error: McapError) -> Self {
-        Self::Mcap(error)
+impl From<io::Error> for RecorderError {
+    fn from(error: io::Error) -> Self {
+        Self::Writer(error)
+    }
+}
+
+impl From<Refused> for RecorderError {
+    fn from(refused: Refused) -> Self {
+        Self::Disk(refused)
     }
 }
 
@@ -58,6 +68,10 @@ pub struct Recorder {
     /// Number of the next file.
     next: u32,
     message: Vec<u8>,
+    /// Time of the newest IMU sample.
+    last_imu_ns: Option<i64>,
+    /// For an operator, in health reports.
+    note: String,
     /// Why nothing more is recorded; mapping goes on without it.
     failure: Option<StageError>,
 }
@@ -98,6 +112,8 @@ impl Stage for Recorder {
             disks: Vec::new(),
             next: 0,
             message: Vec::new(),
+            last_imu_ns: None,
+            note: String::new(),
             failure: None,
         })
     }
@@ -119,7 +135,7 @@ impl Stage for Recorder {
             && let Err(error) = self.record(&input)
         {
             let failure = self.explain(error);
-            tracing::error!("nothing more is recorded: {failure}");
+            tracing::error!("nothing more is recorded, the pipeline goes on: {failure}");
             self.failure = Some(failure);
         }
         counters.degraded += u64::from(self.failure.is_some());
@@ -132,10 +148,13 @@ impl Stage for Recorder {
         }
         let closed = self.close();
         closed.map_err(|error| self.explain(error))?;
-        for disk in self.disks.drain(..) {
-            disk.wait().map_err(|error| StageError::File(error.to_string()))?;
-        }
-        Ok(())
+        // Of all, whatever one of them says.
+        let waited = self.disks.drain(..).map(Disk::wait).fold(Ok(()), Result::and);
+        waited.map_err(|refused| self.explain(refused.into()))
+    }
+
+    fn note(&self) -> &str {
+        &self.note
     }
 }
 
@@ -147,15 +166,23 @@ impl Recorder {
             self.reap()?;
             self.open()?;
         }
-        let Self { volume: Some(volume), message, .. } = self else { return Ok(()) };
+        let Self { volume: Some(volume), message, note, folder, next, last_imu_ns, .. } = self else {
+            return Ok(());
+        };
+        // The word that no later sample comes repeats the last one, and is no measurement.
+        let repeats = match input {
+            Tapped::Imu(sample) => last_imu_ns.replace(sample.stamp_ns) == Some(sample.stamp_ns),
+            _ => false,
+        };
+        let mut handed_over = false;
         for form in [Form::Raw, Form::Ros] {
-            if volume.has(service, form) {
+            if volume.has(service, form) && !(repeats && matches!(form, Form::Ros)) {
                 message.clear();
                 match form {
                     Form::Raw => messages::write_raw(message, input),
                     _ => messages::write_ros(message, input),
                 }
-                volume.write(service, form, time_ns, message)?;
+                handed_over |= volume.write(service, form, time_ns, message)?;
             }
         }
         if let Tapped::Pose(pose) = input
@@ -163,7 +190,12 @@ impl Recorder {
         {
             message.clear();
             messages::write_tf(message, pose);
-            volume.write(service, Form::Transform, time_ns, message)?;
+            handed_over |= volume.write(service, Form::Transform, time_ns, message)?;
+        }
+        if handed_over {
+            say(note, folder, *next, volume.written);
+            // A file that is closed already may still have been refused.
+            self.reap()?;
         }
         Ok(())
     }
@@ -202,17 +234,30 @@ impl Recorder {
     /// The cause: where the disk refused, its own words instead of those that a thread is gone.
     fn explain(&mut self, error: RecorderError) -> StageError {
         self.volume = None;
-        for disk in self.disks.drain(..) {
-            if let Err(refused) = disk.wait() {
-                return StageError::File(refused.to_string());
-            }
-        }
-        StageError::File(match error {
-            RecorderError::File(error) => error.to_string(),
-            RecorderError::Mcap(error) => {
-                format!("{}: {error}; check the disk and try again", self.folder.display())
-            }
-        })
+        let refused = self.disks.drain(..).map(Disk::wait).fold(Ok(()), Result::and);
+        let error = refused.err().map_or(error, RecorderError::Disk);
+        let (short, long) = match error {
+            RecorderError::File(error) => (error.to_string(), error.to_string()),
+            RecorderError::Writer(error) => (
+                error.to_string(),
+                format!("{}: {error}; check the disk and try again", self.folder.display()),
+            ),
+            RecorderError::Disk(refused) => (refused.cause.to_string(), refused.explain()),
+        };
+        self.note = format!("recording has stopped: {short}");
+        StageError::File(long)
+    }
+}
+
+/// Says how large the newest file is and how much room is left; no allocation after the first time.
+fn say(note: &mut String, folder: &Path, files: u32, written: u64) {
+    use std::fmt::Write as _;
+    note.clear();
+    // A String takes everything.
+    let _ = write!(note, "evac_{}.mcap: {:.0} MB", files.saturating_sub(1), written as f64 * 1e-6);
+    if let Ok(disk) = statvfs(folder) {
+        let free = disk.f_bavail.saturating_mul(disk.f_frsize);
+        let _ = write!(note, ", {:.1} GB free", free as f64 * 1e-9);
     }
 }
 
@@ -226,7 +271,9 @@ fn about(input: &Tapped<'_>) -> (Service, i64) {
         Tapped::Truth(PoseFrame { frame, .. }) => (Service::Truth, frame.end_ns),
         Tapped::Map(message) => (Service::Map, message.header.frame.end_ns),
         Tapped::Grid(header, _) => (Service::Grid, header.frame.end_ns),
+        Tapped::Attitude(attitude) => (Service::Attitude, attitude.stamp_ns),
         Tapped::Health(_, now_ns) => (Service::Health, *now_ns),
+        Tapped::Route(_, now_ns) => (Service::Route, *now_ns),
     }
 }
 

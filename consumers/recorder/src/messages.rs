@@ -35,7 +35,7 @@ const VOXEL_STEP: u32 = 16;
 /// The covariance begins so where the orientation is not measured, by definition of `sensor_msgs/Imu`.
 const NO_ORIENTATION: [f64; 9] = [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 
-/// Appends the ROS 2 message of what came to `out`.
+/// Appends the ROS 2 message of what came to `out`; nothing for what has none.
 pub(crate) fn write_ros(out: &mut Vec<u8>, tapped: &Tapped<'_>) {
     match tapped {
         Tapped::Scan(header, points) | Tapped::Deskewed(header, points) => scan(out, header, points),
@@ -47,6 +47,7 @@ pub(crate) fn write_ros(out: &mut Vec<u8>, tapped: &Tapped<'_>) {
         Tapped::Map(message) => voxels(out, message),
         Tapped::Grid(header, cells) => grid(out, header, cells),
         Tapped::Health(health, now_ns) => diagnostics(out, health, *now_ns),
+        Tapped::Attitude(_) | Tapped::Route(..) => {}
     }
 }
 
@@ -66,6 +67,8 @@ pub(crate) fn write_raw(out: &mut Vec<u8>, tapped: &Tapped<'_>) {
         Tapped::Map(message) => [bytemuck::bytes_of(message.header), bytemuck::cast_slice(message.voxels)],
         Tapped::Grid(header, cells) => [bytemuck::bytes_of(*header), cells],
         Tapped::Health(health, _) => [bytemuck::bytes_of(*health), &[]],
+        Tapped::Attitude(attitude) => [bytemuck::bytes_of(*attitude), &[]],
+        Tapped::Route(route, _) => [bytemuck::bytes_of(*route), &[]],
     };
     write_octets(out, CDR, &parts);
 }

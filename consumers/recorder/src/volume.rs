@@ -1,12 +1,11 @@
 //! One file of a recording, readable without the others.
 
-use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::io;
 use std::path::Path;
 
-use evac_formats::ros::schemas::{self, Schema};
-use mcap::records::MessageHeader;
-use mcap::{Attachment, McapError, WriteOptions, Writer};
+use evac_formats::mcap::McapWriter;
+use evac_formats::ros::schemas::{OCTETS, Schema};
 
 use crate::channels::{Service, TRANSFORMS, raw_topic, ros_topic};
 use crate::disk::{self, Disk, DiskWriter};
@@ -22,7 +21,7 @@ pub(crate) struct Document {
 
 /// A file that is written.
 pub(crate) struct Volume {
-    writer: Writer<DiskWriter>,
+    writer: McapWriter<DiskWriter>,
     channels: Vec<ServiceChannels>,
     transforms: Option<Channel>,
     /// Bytes handed to the disk, and in the chunk that is being filled.
@@ -64,29 +63,17 @@ impl Volume {
         documents: &[Document],
     ) -> Result<(Self, Disk), RecorderError> {
         let (to_disk, disk) = disk::create(path, config.queue_chunks as usize)?;
-        let options = WriteOptions::new()
-            .profile("ros2")
-            .library(concat!("evac ", env!("CARGO_PKG_VERSION")))
-            // Chunks are put together in memory and ended here, so that each goes to the disk whole.
-            .disable_seeking(true)
-            .chunk_size(None);
-        let mut writer = options.create(to_disk)?;
+        let library = concat!("evac ", env!("CARGO_PKG_VERSION"));
+        let mut writer = McapWriter::new(to_disk, "ros2", library, config.compression.into())?;
         for Document { name, media_type, text } in documents {
-            writer.attach(&Attachment {
-                log_time: 0,
-                create_time: 0,
-                name: (*name).to_owned(),
-                media_type: (*media_type).to_owned(),
-                data: Cow::Borrowed(text.as_bytes()),
-            })?;
+            writer.attach(name, media_type, text.as_bytes())?;
         }
         let (channels, transforms) = add_channels(&mut writer, config)?;
-        writer.flush()?;
         let volume = Self {
+            written: writer.end_chunk()?,
             writer,
             channels,
             transforms,
-            written: 0,
             filled: 0,
             chunk_bytes: u64::from(config.chunk_mib) << 20,
             chunk_ns: (config.chunk_s * 1e9) as i64,
@@ -105,73 +92,64 @@ impl Volume {
         }
     }
 
-    /// Appends a message of a channel that the file has.
+    /// Appends a message of a channel that the file has; whether a chunk went to the disk with it.
     pub(crate) fn write(
         &mut self,
         service: Service,
         form: Form,
         time_ns: i64,
         message: &[u8],
-    ) -> Result<(), RecorderError> {
+    ) -> Result<bool, RecorderError> {
         let channels = self.channels.get_mut(service as usize);
         let channel = match form {
             Form::Ros => channels.and_then(|channels| channels.ros.as_mut()),
             Form::Raw => channels.and_then(|channels| channels.raw.as_mut()),
             Form::Transform => self.transforms.as_mut(),
         };
-        let Some(channel) = channel else { return Ok(()) };
+        let Some(channel) = channel else { return Ok(false) };
         // MCAP knows no times before 1970.
         let log_time = u64::try_from(time_ns).unwrap_or_default();
-        let header = MessageHeader {
-            channel_id: channel.id,
-            sequence: channel.sequence,
-            log_time,
-            publish_time: log_time,
-        };
+        self.writer.write(channel.id, channel.sequence, log_time, message);
         channel.sequence = channel.sequence.wrapping_add(1);
-        self.writer.write_to_known_channel(&header, message)?;
         self.filled += message.len() as u64;
         self.first_ns.get_or_insert(time_ns);
         let start_ns = *self.chunk_start_ns.get_or_insert(time_ns);
-        if self.filled >= self.chunk_bytes || time_ns.saturating_sub(start_ns) >= self.chunk_ns {
-            self.flush()?;
+        let full = self.filled >= self.chunk_bytes || time_ns.saturating_sub(start_ns) >= self.chunk_ns;
+        if full {
+            self.written = self.writer.end_chunk()?;
+            (self.filled, self.chunk_start_ns) = (0, None);
         }
-        Ok(())
-    }
-
-    /// Ends the chunk and hands it to the disk.
-    fn flush(&mut self) -> Result<(), RecorderError> {
-        self.writer.flush()?;
-        self.written += self.filled;
-        (self.filled, self.chunk_start_ns) = (0, None);
-        Ok(())
+        Ok(full)
     }
 
     /// Writes the index; what is left is on its way to the disk.
-    pub(crate) fn finish(mut self) -> Result<(), RecorderError> {
+    pub(crate) fn finish(self) -> Result<(), RecorderError> {
         self.writer.finish()?;
-        let mut to_disk = self.writer.into_inner();
-        std::io::Write::flush(&mut to_disk).map_err(McapError::from)?;
         Ok(())
     }
 }
 
 fn add_channels(
-    writer: &mut Writer<DiskWriter>,
+    writer: &mut McapWriter<DiskWriter>,
     config: &RecorderConfig,
-) -> Result<(Vec<ServiceChannels>, Option<Channel>), McapError> {
+) -> io::Result<(Vec<ServiceChannels>, Option<Channel>)> {
+    let mut schemas = BTreeMap::new();
     let mut add = |topic: &str, schema: &Schema, metadata: &BTreeMap<String, String>| {
-        let schema = writer.add_schema(schema.name, "ros2msg", schema.text.as_bytes())?;
-        let id = writer.add_channel(schema, topic, "cdr", metadata)?;
-        Ok::<_, McapError>(Channel { id, sequence: 0 })
+        let known = schemas.get(schema.name).copied();
+        let schema_id = match known {
+            Some(id) => id,
+            None => writer.add_schema(schema.name, "ros2msg", schema.text.as_bytes())?,
+        };
+        schemas.insert(schema.name, schema_id);
+        let id = writer.add_channel(schema_id, topic, "cdr", metadata)?;
+        Ok::<_, io::Error>(Channel { id, sequence: 0 })
     };
     let mut channels = Vec::new();
     let mut transforms = None;
     for service in Service::ALL {
         let mut own = ServiceChannels::default();
         if config.services.iter().any(|name| name == service.name()) {
-            if config.ros {
-                let (topic, schema) = ros_topic(service);
+            if let Some((topic, schema)) = ros_topic(service).filter(|_| config.ros) {
                 own.ros = Some(add(topic, &schema, &BTreeMap::new())?);
             }
             if config.ros && service == Service::Pose {
@@ -180,7 +158,7 @@ fn add_channels(
             }
             if config.raw {
                 let (topic, metadata) = raw_topic(service);
-                own.raw = Some(add(&topic, &schemas::OCTETS, &metadata)?);
+                own.raw = Some(add(&topic, &OCTETS, &metadata)?);
             }
         }
         channels.push(own);

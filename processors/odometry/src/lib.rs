@@ -11,6 +11,7 @@
 //! [`Loam`] (stage `loam`) is the method of the paper: edge and surface features of Loam-Livox matched with a local map, on
 //! scans that were deskewed by the IMU or, for comparison, on raw ones.
 
+mod follow;
 mod lio;
 mod loam;
 

@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-use evac_formats::wt901c::Parser;
-use evac_frames::{FrameHeader, ImuSample, frame_flags};
+use evac_formats::wt901c::{Parser, id};
+use evac_frames::{
+    DeviceHealth, DeviceKind, FrameHeader, ImuSample, NO_DEVICE_STATE, NO_TEMPERATURE, frame_flags,
+};
 use evac_stage::{Device, ImuOutput, Reporter, Rig, StageConfig, StageError};
 use rustix::time::{ClockId, clock_gettime};
 
@@ -16,7 +18,7 @@ use crate::session::{Action, Loss, Phase, Session};
 use crate::{Config, Protocol};
 
 /// Between two attempts to open the port, nanoseconds.
-const REOPEN_NS: i64 = 200_000_000;
+pub(crate) const REOPEN_NS: i64 = 200_000_000;
 /// Between two notes, nanoseconds.
 const NOTE_NS: i64 = 500_000_000;
 /// Bytes of one read: more than a stall of 100 ms at 230400 baud gives.
@@ -39,9 +41,13 @@ pub struct Imu {
     rest: Rest,
     last_phase: Phase,
     last_sample: Option<ImuSample>,
+    opened: u64,
+    published: u64,
     unplugged: u64,
     losses: u64,
     last_loss: Option<Loss>,
+    /// As the module says it, 0.01 degrees Celsius.
+    temperature_centi: i32,
     note: Note,
     next_note_ns: i64,
     buffer: Box<[u8; READ]>,
@@ -67,9 +73,12 @@ impl Device for Imu {
             rest: Rest::new(&config, rig),
             last_phase: Phase::Searching,
             last_sample: None,
+            opened: 0,
+            published: 0,
             unplugged: 0,
             losses: 0,
             last_loss: None,
+            temperature_centi: NO_TEMPERATURE,
             note: Note::new(),
             next_note_ns: i64::MIN,
             buffer: Box::new([0; READ]),
@@ -129,6 +138,7 @@ impl Imu {
             Ok(link) => {
                 tracing::info!(port = self.port_name, "opened");
                 self.link = Some(link);
+                self.opened += 1;
                 self.closed.clear();
                 self.session.opened(now);
                 self.last_phase = Phase::Searching;
@@ -202,25 +212,44 @@ impl Imu {
             let Some(byte) = self.buffer.get(at).copied() else { continue };
             // So many bytes came after it, each of which took its time.
             let came_ns = now - (count - 1 - at) as i64 * byte_ns;
-            let sample = match self.poller {
-                Some(_) => self.hear_answer(byte, now),
-                None => self.hear_frame(byte, came_ns, now, output)?,
-            };
-            let Some(sample) = sample else { continue };
-            reporter.begin();
-            let sent = output.publish(&sample)?;
-            let header = FrameHeader {
-                seq: sent.seq,
-                start_ns: sent.stamp_ns,
-                end_ns: sent.stamp_ns,
-                arrival_ns: now,
-                sent_ns: sent.sent_ns,
-                ..FrameHeader::default()
-            };
-            reporter.done(&header, now);
-            self.rest.push(sample.gyro, sample.accel);
-            self.last_sample = Some(sent);
+            if self.poller.is_some() {
+                if let Some(sample) = self.hear_answer(byte, now) {
+                    self.publish(sample, now, output, reporter)?;
+                }
+                continue;
+            }
+            self.hear_frame(byte, came_ns, now, output)?;
+            while let Some((sample, attitude)) = self.sampler.pop() {
+                self.publish(sample, now, output, reporter)?;
+                if let Some(attitude) = attitude {
+                    output.publish_attitude(&attitude)?;
+                }
+            }
         }
+        Ok(())
+    }
+
+    fn publish(
+        &mut self,
+        sample: ImuSample,
+        now: i64,
+        output: &mut ImuOutput,
+        reporter: &mut Reporter,
+    ) -> Result<(), StageError> {
+        reporter.begin();
+        let sent = output.publish(&sample)?;
+        self.published += 1;
+        let header = FrameHeader {
+            seq: sent.seq,
+            start_ns: sent.stamp_ns,
+            end_ns: sent.stamp_ns,
+            arrival_ns: now,
+            sent_ns: sent.sent_ns,
+            ..FrameHeader::default()
+        };
+        reporter.done(&header, now);
+        self.rest.push(sample.stamp_ns, sample.gyro, sample.accel);
+        self.last_sample = Some(sent);
         Ok(())
     }
 
@@ -231,17 +260,21 @@ impl Imu {
         came_ns: i64,
         now: i64,
         output: &mut ImuOutput,
-    ) -> Result<Option<ImuSample>, StageError> {
-        let Some(frame) = self.parser.push(byte) else { return Ok(None) };
+    ) -> Result<(), StageError> {
+        let Some(frame) = self.parser.push(byte) else { return Ok(()) };
         self.session.heard(&frame, now);
+        if frame.id == id::ACCEL {
+            self.temperature_centi = i32::from(frame.words()[3]);
+        }
         if self.session.phase() != Phase::Streaming {
-            return Ok(None);
+            return Ok(());
         }
         self.follow(now);
         if let Some(attitude) = self.sampler.push_other(&frame) {
             output.publish_attitude(&attitude)?;
         }
-        Ok(self.sampler.push(&frame, came_ns, now))
+        self.sampler.push(&frame, came_ns, now);
+        Ok(())
     }
 
     /// A byte of a module that is asked.
@@ -282,6 +315,19 @@ impl Imu {
         reporter.counters.late = counts.untimed + polled.1;
         reporter.counters.degraded = self.losses + self.unplugged;
         reporter.counters.rejected = self.parser.skipped() + polled.2;
+        reporter.device = DeviceHealth {
+            used: self.published,
+            lost: reporter.input.imu_lost,
+            late: polled.1,
+            corrupt: reporter.counters.rejected,
+            untimed: counts.untimed,
+            clock_steps: counts.clock_steps,
+            sessions: self.opened,
+            kind: DeviceKind::Wt901c as u32,
+            state: NO_DEVICE_STATE,
+            temperature_centi: self.temperature_centi,
+            ..DeviceHealth::default()
+        };
         if now < self.next_note_ns {
             return;
         }
@@ -301,6 +347,8 @@ impl Imu {
             jitter_ms: quality.roughness_ns * 1e-6,
             drift_ppm: quality.drift_ppm,
             finding: self.rest.finding,
+            gyro: self.rest.gyro(),
+            gyro_range_dps: self.config.gyro_range_dps,
             zeroed: self.rest.zeroed,
             latency_timer_ms: self.link.as_ref().and_then(|link| link.latency_timer_ms),
             unplugged: self.unplugged,

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use evac_geometry::GyroScale;
+
 use crate::rest::Finding;
 use crate::sampler::SamplerCounts;
 use crate::session::{Loss, Phase};
@@ -14,7 +16,7 @@ const RATE_TOLERANCE: f64 = 0.05;
 const LATENCY_MS: u32 = 2;
 
 /// Everything that a note is made from.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Facts<'a> {
     pub(crate) port: &'a str,
     /// Why the port is not open; empty where it is.
@@ -32,6 +34,8 @@ pub(crate) struct Facts<'a> {
     pub(crate) jitter_ms: f64,
     pub(crate) drift_ppm: f64,
     pub(crate) finding: Option<Finding>,
+    pub(crate) gyro: GyroScale,
+    pub(crate) gyro_range_dps: f64,
     pub(crate) zeroed: bool,
     pub(crate) latency_timer_ms: Option<u32>,
     pub(crate) unplugged: u64,
@@ -96,6 +100,20 @@ impl Note {
                 );
             }
             Some(Finding::Right) | None => {}
+        }
+        match facts.gyro {
+            GyroScale::Times(times) => {
+                let range = facts.gyro_range_dps / times;
+                return write!(
+                    text,
+                    "gyro reads {times:.2} times what gravity turns by: set gyro_range_dps = {range:.0}"
+                );
+            }
+            GyroScale::Unlike => {
+                return text
+                    .write_str("gravity turns as no gyro scale says: gyro and accelerometer axes differ");
+            }
+            GyroScale::Right | GyroScale::Unknown => {}
         }
         if let Some(rate) = facts.rate_hz.filter(|rate| *rate < facts.wanted_hz * (1.0 - RATE_TOLERANCE)) {
             write!(text, "only {rate:.0} of {:.0} Hz at {} baud", facts.wanted_hz, facts.baud)?;

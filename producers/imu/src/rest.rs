@@ -1,7 +1,8 @@
-//! What a module at rest gives away: the scale of its accelerometer, which way is up, and whether its firmware zeroes the
-//! gyroscope.
+//! What a module gives away by gravity: the scale of its accelerometer, which way is up, whether its firmware zeroes the
+//! gyroscope at rest, and whether the gyroscope's scale and axes are the accelerometer's.
 
 use evac_geometry::nalgebra::{UnitQuaternion, Vector3};
+use evac_geometry::{GyroScale, GyroScaleCheck};
 
 use crate::Config;
 
@@ -43,6 +44,7 @@ pub(crate) struct Rest {
     low: [f64; 6],
     high: [f64; 6],
     zeros: u32,
+    gyro: GyroScaleCheck,
     /// Newest finding.
     pub(crate) finding: Option<Finding>,
     /// Whether the gyroscope is held at zero now.
@@ -63,13 +65,20 @@ impl Rest {
             low: [f64::INFINITY; 6],
             high: [f64::NEG_INFINITY; 6],
             zeros: 0,
+            gyro: GyroScaleCheck::new(config.one_g_m_s2),
             finding: None,
             zeroed: false,
             auto_zero: false,
         }
     }
 
-    pub(crate) fn push(&mut self, gyro: [f64; 3], accel: [f64; 3]) {
+    /// What gravity says of the gyroscope.
+    pub(crate) fn gyro(&self) -> GyroScale {
+        self.gyro.verdict()
+    }
+
+    pub(crate) fn push(&mut self, stamp_ns: i64, gyro: [f64; 3], accel: [f64; 3]) {
+        self.gyro.push(stamp_ns, gyro, accel);
         self.zeros = if gyro == [0.0; 3] { self.zeros.saturating_add(1) } else { 0 };
         self.zeroed = self.zeros >= ZEROS;
         self.auto_zero |= self.zeroed;
@@ -123,7 +132,7 @@ mod tests {
         let mut rest = Rest::new(config, rig);
         for n in 0..400 {
             let noise = 0.01 * f64::from(n % 5 - 2);
-            rest.push([gyro * noise; 3], accel.map(|value| value + noise));
+            rest.push(i64::from(n) * 5_000_000, [gyro * noise; 3], accel.map(|value| value + noise));
         }
         rest
     }
@@ -166,7 +175,7 @@ mod tests {
         assert!(!after_rest(&config, &rig, 1.0, [0.0, 0.0, 9.8]).auto_zero);
         let mut moving = Rest::new(&config, &rig);
         for n in 0..400 {
-            moving.push([f64::from(n) * 0.01, 0.0, 0.0], [0.0, 0.0, 78.4]);
+            moving.push(i64::from(n) * 5_000_000, [f64::from(n) * 0.01, 0.0, 0.0], [0.0, 0.0, 78.4]);
         }
         assert_eq!(moving.finding, None);
     }

@@ -1,5 +1,7 @@
 //! From frames to samples with times.
 
+use std::collections::VecDeque;
+
 use evac_clock::{ClockFit, Quality, Settings};
 use evac_formats::wt901c::{Assembler, FRAME_BYTES, Frame, RawSample, Reading, Scales, content};
 use evac_frames::{ImuAttitude, ImuSample, attitude_flags};
@@ -18,6 +20,10 @@ const PAUSE_PERIODS: f64 = 20.0;
 /// The module's clock and its samples may disagree by this much before it is called a step, nanoseconds.
 const CLOCK_STEP_NS: i64 = 100_000_000;
 
+/// Samples that wait for their times are kept for so long, seconds: the clock settles in 1.5, and begins anew at most once where the
+/// rate is another than the nominal one, which is measured in one.
+const KEPT_S: f64 = 4.0;
+
 /// What raw words stand for.
 pub(crate) fn scales(config: &Config) -> Scales {
     Scales {
@@ -33,7 +39,7 @@ pub(crate) struct SamplerCounts {
     pub(crate) whole: u64,
     /// Samples that the module took and that did not arrive whole.
     pub(crate) lost: u64,
-    /// Samples whose time was not known yet.
+    /// Samples whose time never became known.
     pub(crate) untimed: u64,
     /// Steps of the module's clock.
     pub(crate) clock_steps: u64,
@@ -60,10 +66,25 @@ pub(crate) struct Sampler {
     last_stamp_ns: i64,
     index: u64,
     last: Option<(RawSample, i64)>,
+    /// Samples whose time will be known when the clock has settled, oldest first.
+    waiting: VecDeque<Waiting>,
+    /// Samples with times, and what else has come of each already.
+    ready: VecDeque<(ImuSample, Option<ImuAttitude>)>,
     /// What has come of the newest published sample's other frames, and what makes it complete.
     attitude: ImuAttitude,
     attitude_complete: u32,
     pub(crate) counts: SamplerCounts,
+}
+
+/// A sample without a time.
+#[derive(Debug, Clone, Copy)]
+struct Waiting {
+    raw: RawSample,
+    byte_ns: i64,
+    arrival_ns: i64,
+    index: u64,
+    /// What has come of its other frames.
+    attitude: ImuAttitude,
 }
 
 /// How many samples come in a second.
@@ -77,6 +98,7 @@ impl Sampler {
     pub(crate) fn new(config: &Config) -> Self {
         let frames = config.content();
         let before = 2 + u64::from(frames & content::TIME != 0);
+        let kept = (config.rate_hz * KEPT_S) as usize;
         Self {
             assembler: Assembler::default(),
             scales: scales(config),
@@ -90,6 +112,8 @@ impl Sampler {
             last_stamp_ns: i64::MIN,
             index: 0,
             last: None,
+            waiting: VecDeque::with_capacity(kept),
+            ready: VecDeque::with_capacity(kept + 1),
             attitude: ImuAttitude::default(),
             attitude_complete: attitude_of(frames),
             counts: SamplerCounts::default(),
@@ -102,6 +126,9 @@ impl Sampler {
         self.rate = Rate::Measuring { samples: 0, since: None };
         self.assembler = Assembler::default();
         self.last = None;
+        // The count begins anew: their places in it are lost.
+        self.counts.untimed += self.waiting.len() as u64;
+        self.waiting.clear();
         // What was learnt about the clock's rate stays.
         self.fit.restart();
         if self.period_ns != self.nominal_ns {
@@ -120,31 +147,85 @@ impl Sampler {
         self.fit.quality()
     }
 
-    /// Takes in a frame whose last byte came at `byte_ns` at the latest, read at `arrival_ns`; a sample when it completes one
-    /// and its time is known.
-    pub(crate) fn push(&mut self, frame: &Frame, byte_ns: i64, arrival_ns: i64) -> Option<ImuSample> {
-        let raw = self.assembler.push(frame)?;
+    /// Takes in a frame whose last byte came at `byte_ns` at the latest, read at `arrival_ns`. What it gives is fetched with
+    /// [`Self::pop`].
+    pub(crate) fn push(&mut self, frame: &Frame, byte_ns: i64, arrival_ns: i64) {
+        let Some(raw) = self.assembler.push(frame) else { return };
         self.counts.whole += 1;
-        self.measure(raw, byte_ns);
-        self.count(&raw, byte_ns, self.period_ns);
-        self.last = Some((raw, byte_ns));
-        let seen = self.fit.observe(self.index, byte_ns);
-        self.counts.restarts += u64::from(seen.step.is_some());
-        let Some(stamp_ns) = seen.stamp_ns.filter(|stamp_ns| *stamp_ns > self.last_stamp_ns) else {
+        if self.measure(raw, byte_ns) {
+            self.time_anew();
+        }
+        self.time(Waiting { raw, byte_ns, arrival_ns, index: 0, attitude: ImuAttitude::default() });
+    }
+
+    /// The next sample whose time is known. At a stream's start the first ones come together, when the clock has settled, with what
+    /// [`Self::push_other`] would have given of each.
+    pub(crate) fn pop(&mut self) -> Option<(ImuSample, Option<ImuAttitude>)> {
+        self.ready.pop_front()
+    }
+
+    /// Counts a sample and times it, and with it those that waited; or lets it wait.
+    fn time(&mut self, sample: Waiting) {
+        self.count(&sample.raw, sample.byte_ns, self.period_ns);
+        self.last = Some((sample.raw, sample.byte_ns));
+        let seen = self.fit.observe(self.index, sample.byte_ns);
+        if seen.step.is_some() {
+            self.counts.restarts += 1;
+            self.give_up(usize::MAX);
+        }
+        let Some(stamp_ns) = seen.stamp_ns else {
+            // In the middle of a stream it is in doubt, and no later one will say more.
+            let settled = self.fit.host_ns(self.index).is_some();
+            self.give_up(if settled || self.waiting.len() < self.waiting.capacity() { 0 } else { 1 });
+            self.counts.untimed += u64::from(settled);
+            if !settled {
+                self.waiting.push_back(Waiting { index: self.index, ..sample });
+            }
+            return;
+        };
+        while let Some(waiting) = self.waiting.pop_front() {
+            let earlier_ns = self.fit.host_ns(waiting.index).filter(|earlier_ns| *earlier_ns < stamp_ns);
+            self.publish(&waiting, earlier_ns);
+        }
+        self.publish(&sample, Some(stamp_ns));
+    }
+
+    /// The rate is another one: what has waited is counted and timed by it.
+    fn time_anew(&mut self) {
+        self.last = None;
+        for _ in 0..self.waiting.len() {
+            if let Some(waiting) = self.waiting.pop_front() {
+                self.time(waiting);
+            }
+        }
+    }
+
+    /// Lets go of the oldest ones that wait.
+    fn give_up(&mut self, most: usize) {
+        let given_up = self.waiting.drain(..most.min(self.waiting.len())).count();
+        self.counts.untimed += given_up as u64;
+    }
+
+    fn publish(&mut self, sample: &Waiting, stamp_ns: Option<i64>) {
+        let Some(stamp_ns) = stamp_ns.filter(|stamp_ns| *stamp_ns > self.last_stamp_ns) else {
             self.counts.untimed += 1;
-            return None;
+            return;
         };
         self.last_stamp_ns = stamp_ns;
         // When the module began to send it.
         let stamp_ns = stamp_ns - (self.lead_bytes * self.byte_ns) as i64;
+        let arrival_ns = sample.arrival_ns;
         self.attitude = ImuAttitude { stamp_ns, arrival_ns, ..ImuAttitude::default() };
-        Some(ImuSample {
+        let attitude = ImuAttitude { stamp_ns, arrival_ns, ..sample.attitude };
+        let is_complete = attitude.contains != 0 && attitude.contains == self.attitude_complete;
+        let timed = ImuSample {
             stamp_ns,
             arrival_ns,
-            gyro: self.scales.gyro(raw.gyro),
-            accel: self.scales.accel(raw.accel),
+            gyro: self.scales.gyro(sample.raw.gyro),
+            accel: self.scales.accel(sample.raw.accel),
             ..ImuSample::default()
-        })
+        };
+        self.ready.push_back((timed, is_complete.then_some(attitude)));
     }
 
     /// Takes in a frame that is no part of a sample: angles, magnetic field or quaternion, which follow it; all of them together
@@ -156,34 +237,37 @@ impl Sampler {
         if !belongs {
             return None;
         }
+        // The newest sample's, which may have to wait for its time.
+        let attitude = self.waiting.back_mut().map_or(&mut self.attitude, |waiting| &mut waiting.attitude);
         let bit = match frame.reading(&self.scales)? {
             Reading::Angles { roll_pitch_yaw, .. } => {
-                self.attitude.roll_pitch_yaw = roll_pitch_yaw;
+                attitude.roll_pitch_yaw = roll_pitch_yaw;
                 attitude_flags::ANGLES
             }
             Reading::Magnetometer(field) => {
-                self.attitude.magnetic_field = field.map(f64::from);
+                attitude.magnetic_field = field.map(f64::from);
                 attitude_flags::MAGNETIC_FIELD
             }
             // The vendor's q0 is the scalar.
             Reading::Quaternion([w, x, y, z]) => {
-                self.attitude.orientation = [x, y, z, w];
+                attitude.orientation = [x, y, z, w];
                 attitude_flags::ORIENTATION
             }
             _ => return None,
         };
-        self.attitude.contains |= bit;
-        let complete = self.attitude.contains == self.attitude_complete && self.attitude.stamp_ns != 0;
-        complete.then(|| std::mem::take(&mut self.attitude))
+        attitude.contains |= bit;
+        let complete = attitude.contains == self.attitude_complete && attitude.stamp_ns != 0;
+        complete.then(|| std::mem::take(attitude))
     }
 
-    fn measure(&mut self, raw: RawSample, byte_ns: i64) {
-        let Rate::Measuring { samples, since } = &mut self.rate else { return };
+    /// Measures the rate at a stream's start; whether it is another than was thought.
+    fn measure(&mut self, raw: RawSample, byte_ns: i64) -> bool {
+        let Rate::Measuring { samples, since } = &mut self.rate else { return false };
         let (first, first_ns) = *since.get_or_insert((raw, byte_ns));
         *samples += 1;
         let elapsed_ns = byte_ns - first_ns;
         if *samples <= MEASURED_SAMPLES || elapsed_ns < MEASURED_NS {
-            return;
+            return false;
         }
         // By the module's clock where it is sane: arrivals come in lumps.
         let own_ns = first.time_ns.zip(raw.time_ns).map(|(first, last)| last - first);
@@ -192,10 +276,12 @@ impl Sampler {
         let off = measured_ns / self.nominal_ns - 1.0;
         let period_ns = if off.abs() < RATE_TOLERANCE { self.nominal_ns } else { measured_ns };
         self.rate = Rate::Known;
-        if self.period_ns != period_ns {
+        let changed = self.period_ns != period_ns;
+        if changed {
             self.fit = ClockFit::new(Settings::samples(1e9 / period_ns));
             self.period_ns = period_ns;
         }
+        changed
     }
 
     /// Moves the count on to `raw`: by its time on the module's clock, or by the bytes since the sample before.
@@ -233,3 +319,6 @@ fn attitude_of(frames: u16) -> u32 {
     ];
     parts.iter().filter(|(frame, _)| frames & frame != 0).fold(0, |all, (_, flag)| all | flag)
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,6 +7,9 @@ use evac_formats::wt901c::{Command, FRAME_BYTES, Frame, bandwidth_code, baud_cod
 
 use crate::{Config, Protocol};
 
+#[cfg(test)]
+mod recovery;
+
 /// How long to listen at one speed, nanoseconds.
 const LISTEN_NS: i64 = 500_000_000;
 /// Between two questions that make even a slow module talk, nanoseconds.
@@ -24,6 +27,19 @@ const BAUD_SETTLE_NS: i64 = 180_000_000;
 /// A stream that gives no frame for so long is lost, nanoseconds.
 const SILENCE_NS: i64 = 1_000_000_000;
 const ATTEMPTS: u32 = 3;
+
+// Stated in docs/devices.md, from the times above.
+/// That a stream is lost is known within this time.
+#[cfg(test)]
+const NOTICED_NS: i64 = SILENCE_NS;
+/// A module that talks at the speed at which it was last heard streams within this time: one listening, five questions.
+#[cfg(test)]
+const FOUND_NS: i64 = LISTEN_NS + 5 * ANSWER_NS;
+/// A module at any other speed, with all settings to be written: it is listened for at the last speed, at the wanted one and at
+/// all nine; each setting is asked for, written and asked for again, and the line's speed changed.
+#[cfg(test)]
+const FOUND_ANYWHERE_NS: i64 =
+    11 * LISTEN_NS + 5 * (2 * ANSWER_NS + KEY_NS + SETTLE_NS) + SWITCH_NS + BAUD_SETTLE_NS + KEY_NS;
 /// Frames that are found in rubbish by no chance.
 const CERTAIN_FRAMES: u32 = 4;
 

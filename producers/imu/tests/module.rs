@@ -6,6 +6,7 @@ mod common;
 
 use common::{Driver, ONE_G, at_rest, config, factory, link, periods_ms};
 use evac_formats::wt901c::{baud_code, content, rate_code, register};
+use evac_frames::DeviceKind;
 use evac_imu::{Config, Protocol};
 use evac_simulator::devices::wt901c::{Bench, Faults, Line, Module};
 
@@ -37,6 +38,9 @@ fn a_module_as_from_the_factory_is_found_set_and_streams_evenly() {
     cycled.power_cycle();
     assert_eq!((cycled.baud(), cycled.register(register::RATE)), (115_200, 0x0b));
     driver.run_until_noted("200 Hz, jitter");
+    let health = driver.reporter.device;
+    assert_eq!((health.kind, health.sessions), (DeviceKind::Wt901c as u32, 1));
+    assert!(health.used >= 800 && health.temperature_centi == 2534, "{health:?}");
 }
 
 #[test]
@@ -193,6 +197,33 @@ fn auto_zero_at_rest_and_another_range_are_said() {
     drop(driver);
     right.run_until_noted("gyro auto-zero at rest");
     assert!((right.output.memory[0].accel[2] - 9.80665).abs() < 0.05);
+}
+
+#[test]
+fn a_gyroscope_of_another_range_is_named_when_the_module_has_been_tilted() {
+    let (_folder, path) = link();
+    // Quiet for a second, tilted by 40 degrees about x within the next, quiet, and back; the words are those of 1000 degrees/s.
+    let words = |number: u64| {
+        let (second, part) = (number / 200 % 4, (number % 200) as f64 / 200.0);
+        let (tilt, rate_dps) = match second {
+            0 => (0.0, 0.0),
+            1 => (40.0 * part, 40.0),
+            2 => (40.0, 0.0),
+            _ => (40.0 * (1.0 - part), -40.0),
+        };
+        let tilt: f64 = f64::to_radians(tilt);
+        let g = f64::from(ONE_G);
+        let noise = (number % 5) as i16 - 2;
+        let accel = [noise, (g * tilt.sin()) as i16, (g * tilt.cos()) as i16];
+        (accel, [(rate_dps / 1000.0 * 32768.0) as i16 + noise, 2, noise])
+    };
+    let _bench = Bench::start(&path, Module::new(Line::Serial), words).unwrap();
+    let mut driver = Driver::new(config(&path));
+    driver.run_until_noted("gyro reads 2.00 times what gravity turns by: set gyro_range_dps = 1000");
+    drop(driver);
+    let mut right = Driver::new(Config { gyro_range_dps: 1000.0, ..config(&path) });
+    right.take(2000);
+    assert!(right.reporter.noted().contains("200 Hz"), "{}", right.reporter.noted());
 }
 
 #[test]

@@ -2,8 +2,18 @@
 
 use std::fmt::Write as _;
 
-use crate::driver::PacketCounts;
+use crate::PacketCounts;
 use crate::session::{Phase, View};
+
+/// What does not come although the device measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Silence {
+    None,
+    /// Neither points nor samples.
+    Everything,
+    /// Samples of its IMU, which are wanted.
+    Imu,
+}
 
 /// The sentence, made anew when something has changed.
 #[derive(Debug, Default)]
@@ -12,7 +22,7 @@ pub(crate) struct Condition {
 }
 
 impl Condition {
-    pub(crate) fn describe(&mut self, view: &View, counts: &PacketCounts, silent: bool) {
+    pub(crate) fn describe(&mut self, view: &View, counts: &PacketCounts, silence: Silence) {
         self.text.clear();
         let text = &mut self.text;
         // Writing to a string does not fail.
@@ -23,7 +33,12 @@ impl Condition {
             }
             (Phase::Starting, _) => write!(text, "waiting until the LiDAR is ready"),
             (Phase::Configuring, _) => write!(text, "configuring the LiDAR"),
-            (Phase::Sampling, _) if silent => write!(text, "no data: is UDP to this computer blocked?"),
+            (Phase::Sampling, _) if silence == Silence::Everything => {
+                write!(text, "no data: is UDP to this computer blocked?")
+            }
+            (Phase::Sampling, _) if silence == Silence::Imu => {
+                write!(text, "no IMU samples: has this LiDAR an IMU?")
+            }
             _ => write!(text, "sampling"),
         };
         if let Some((what, code)) = view.refused {
@@ -38,6 +53,7 @@ impl Condition {
         for (count, what) in [
             (counts.segments, "clock steps"),
             (counts.lost, "lost"),
+            (counts.imu_lost, "IMU samples lost"),
             (counts.late, "late"),
             (counts.strangers, "of strangers"),
             (counts.damaged, "damaged"),

@@ -50,6 +50,11 @@ pub struct Config {
     /// Echoes to ask for; absent: what the device is set to. A Mid-40 has one and refuses the question.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub return_mode: Option<ReturnMode>,
+    /// Passes the samples of the device's own IMU on as `imu/sample`, in place of a stage `imu`: Avia, Horizon, Tele-15, Mid-360,
+    /// HAP. They are stamped by the same clock as the points. `[rig.imu_from_lidar]` then says where the LiDAR's origin lies
+    /// from that IMU; the axes are parallel. Mid-360: translation_m = [-0.011, -0.02329, 0.04412]; Avia: [0.04165, 0.02326, -0.0284]
+    /// (FAST-LIO's configurations, after the makers' manuals).
+    pub publish_imu: bool,
     /// Time between two shots, nanoseconds; absent: told from the packets (10,000 or 4,167 by the first protocol; the
     /// second says it in each packet).
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -74,6 +79,7 @@ impl Default for Config {
             serial: None,
             frame_ms: 100.0,
             return_mode: None,
+            publish_imu: false,
             shot_ns: None,
             receive_buffer_mib: 4,
             command_port: 0,

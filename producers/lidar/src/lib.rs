@@ -3,12 +3,15 @@
 //!
 //! The conversation with the device (`session`), the following of its clock (`timeline`) and the putting together of scans
 //! (`assembly`) know neither sockets nor clocks. [`Lidar`] drives them: packets are received in batches to where they stay
-//! until their scan is complete, and are then decoded straight into shared memory.
+//! until their scan is complete (`intake`), and are then decoded straight into shared memory.
 
 mod assembly;
 mod condition;
 mod config;
+mod counts;
 mod driver;
+mod intake;
+mod own_imu;
 mod packet;
 mod points;
 mod rate;
@@ -19,4 +22,5 @@ mod store;
 mod timeline;
 
 pub use config::{Config, Protocol, ReturnMode};
-pub use driver::{Lidar, PacketCounts};
+pub use counts::PacketCounts;
+pub use driver::Lidar;

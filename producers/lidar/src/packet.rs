@@ -100,6 +100,14 @@ impl<'a> Packet<'a> {
         }
     }
 
+    /// Whether it is of the device's own IMU.
+    pub(crate) fn is_imu(&self) -> bool {
+        match self {
+            Self::Sdk1(datagram) => datagram.header.data_type == livox_sdk1::DataType::Imu,
+            Self::Sdk2(datagram) => datagram.header.data_type == livox_sdk2::DataType::Imu,
+        }
+    }
+
     /// The IMU sample of a packet that has one.
     pub(crate) fn imu(&self) -> Option<ImuRecord> {
         match self {

@@ -9,6 +9,11 @@ const PULSE_NS: i64 = 1_000_000_000;
 /// Packets whose stamps lie so far back are duplicates or were overtaken; farther back the clock was set.
 const LATE_NS: i64 = 20_000_000;
 
+/// What the fit may be off.
+const FIT_NS: i64 = 5_000_000;
+/// No data is under way for so long.
+const LONGEST_WAY_NS: i64 = 1_000_000_000;
+
 /// What to do with a packet.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
@@ -82,6 +87,17 @@ impl Timeline {
     /// The host's monotonic time of a place on the device's line.
     pub(crate) fn host_ns(&self, place: i64) -> Option<i64> {
         self.fit.host_ns(place.cast_unsigned())
+    }
+
+    /// The host's monotonic time of a stamp that was not judged, of data that came at `arrival_ns`; `None` where it is not known,
+    /// and for a stamp that cannot be of this segment: measured after it came, or long before.
+    pub(crate) fn host_ns_of(&self, source: TimeSource, stamp_ns: i64, arrival_ns: i64) -> Option<i64> {
+        if self.source != Some(source) {
+            return None;
+        }
+        let host_ns = self.host_ns(self.place(source, stamp_ns, arrival_ns))?;
+        let way_ns = arrival_ns.saturating_sub(host_ns);
+        (-FIT_NS..LONGEST_WAY_NS).contains(&way_ns).then_some(host_ns)
     }
 
     /// Puts the seconds back that a clock of pulses does not count.
@@ -175,5 +191,26 @@ mod tests {
         // A silence of three pulses.
         let verdicts = run(&mut timeline, TimeSource::Pulse, 7400..7500, 0);
         assert_eq!(verdicts[0], Verdict::Accept(7400 * MS));
+        // What lies between packets is on the same line, also just behind the newest.
+        let between = |ms: i64| timeline.host_ns_of(TimeSource::Pulse, ms % 1000 * MS, 7501 * MS);
+        assert_eq!([7498, 7499, 7500].map(between), [7498, 7499, 7500].map(|ms| Some(ms * MS)));
+    }
+
+    #[test]
+    fn a_stamp_of_another_clock_or_far_from_its_arrival_has_no_time() {
+        let mut timeline = Timeline::new();
+        assert_eq!(timeline.host_ns_of(TimeSource::PowerOn, 0, 0), None);
+        run(&mut timeline, TimeSource::PowerOn, 0..2000, 70_000);
+        let host_ns =
+            |source, ms: i64, came_ms: i64| timeline.host_ns_of(source, ms * MS, (70_000 + came_ms) * MS);
+        assert_eq!(host_ns(TimeSource::PowerOn, 1995, 1999), Some(71_995 * MS));
+        for (source, ms) in [
+            (TimeSource::Ptp, 1995),
+            (TimeSource::PowerOn, 2010),
+            (TimeSource::PowerOn, 900),
+            (TimeSource::PowerOn, i64::MAX / MS),
+        ] {
+            assert_eq!(host_ns(source, ms, 1999), None, "{source:?} {ms}");
+        }
     }
 }

@@ -6,9 +6,9 @@ mod common;
 use std::time::{Duration, Instant};
 
 use common::{Host, configs};
-use evac_lidar::Protocol;
-use evac_simulator::devices::livox::{LivoxDevice, Wall};
-use evac_stage::{Device as _, RawScanOutput};
+use evac_lidar::{Config, Protocol};
+use evac_simulator::devices::livox::{LivoxConfig, LivoxDevice, Wall};
+use evac_stage::{Device as _, LidarOutput};
 use evac_testkit::{CountingAllocator, count_allocations};
 
 #[global_allocator]
@@ -18,12 +18,12 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 fn thousands_of_packets_and_their_scans_cost_no_allocation() {
     for protocol in [Protocol::Sdk1, Protocol::Sdk2] {
         let (device, config) = configs(protocol);
-        let _device = LivoxDevice::start(device, Box::new(Wall)).unwrap();
-        let mut host = Host::new(config);
+        let _device = LivoxDevice::start(LivoxConfig { imu: true, ..device }, Box::new(Wall)).unwrap();
+        let mut host = Host::new(Config { publish_imu: true, ..config });
         host.scans(3);
-        host.output = RawScanOutput::newest_only();
+        host.output = LidarOutput::newest_only();
         host.until("a first scan in the reused buffer", |host| {
-            (!host.output.memory.is_empty()).then_some(())
+            (!host.output.scans.memory.is_empty()).then_some(())
         });
         let (before, started) = (host.lidar.counts().used, Instant::now());
         let allocations = count_allocations(|| {
@@ -33,7 +33,7 @@ fn thousands_of_packets_and_their_scans_cost_no_allocation() {
             }
         });
         let packets = host.lidar.counts().used - before;
-        assert!(packets > 1000, "{packets}");
+        assert!(packets > 1000 && host.lidar.counts().imu > 200, "{:?}", host.lidar.counts());
         assert_eq!(allocations, 0, "{protocol:?}: for {packets} packets");
     }
 }

@@ -7,6 +7,7 @@ use std::net::UdpSocket;
 use std::time::Duration;
 
 use common::{Host, assert_gap_free, configs, pair, shot};
+use evac_frames::{DeviceKind, NO_TEMPERATURE};
 use evac_lidar::{Config, Protocol};
 use evac_simulator::devices::livox::{Faults, LivoxConfig, LivoxDevice, TimeSource, Wall};
 use evac_stage::Device as _;
@@ -72,10 +73,12 @@ fn a_power_cycle_ends_the_session_and_begins_another_by_itself() {
         host.until_noted(&["sampling", "session 2"]);
         let scans = host.scans(4);
         assert_gap_free(&scans[2..]);
-        let stamps: Vec<_> = host.output.memory.iter().map(|(header, _)| header.frame.end_ns).collect();
+        let stamps: Vec<_> = host.output.scans.memory.iter().map(|(header, _)| header.frame.end_ns).collect();
         assert!(stamps.is_sorted(), "{protocol:?}: {stamps:?}");
         // Sequence numbers have no gap: the scans that did not come were never made.
-        assert!(host.output.memory.iter().enumerate().all(|(n, (header, _))| header.frame.seq == n as u64));
+        assert!(
+            host.output.scans.memory.iter().enumerate().all(|(n, (header, _))| header.frame.seq == n as u64)
+        );
     }
 }
 
@@ -139,16 +142,23 @@ fn a_pulled_cable_is_noticed_and_data_goes_on_when_it_is_back() {
 
 #[test]
 fn a_step_of_the_clock_begins_a_new_segment_and_host_times_go_on() {
-    for (protocol, step_ms) in [(Protocol::Sdk1, 5e6), (Protocol::Sdk1, -700.0), (Protocol::Sdk2, 90_000.0)] {
+    // A step of less than 100 ms is told from a late packet once the clock is known, which takes 4 s.
+    for (protocol, step_ms, scans) in [
+        (Protocol::Sdk1, 5e6, 12),
+        (Protocol::Sdk1, -700.0, 12),
+        (Protocol::Sdk2, 90_000.0, 12),
+        (Protocol::Sdk1, 40.0, 50),
+        (Protocol::Sdk2, -15.0, 50),
+    ] {
         let (device, mut host) = pair(protocol);
-        host.scans(12);
+        host.scans(scans);
         device.faults(|faults| faults.clock_step_ms = step_ms);
         host.until_noted(&["sampling", "1 clock step"]);
         let scans = host.scans(10);
         let (header, points) = scans.last().unwrap();
         let off_ns = header.frame.start_ns - (device.began_ns().unwrap() + shot(&points[0]) as i64 * 10_000);
         assert!((-2_000_000..5_000_000).contains(&off_ns), "{off_ns} ns");
-        let stamps: Vec<_> = host.output.memory.iter().map(|(header, _)| header.frame.end_ns).collect();
+        let stamps: Vec<_> = host.output.scans.memory.iter().map(|(header, _)| header.frame.end_ns).collect();
         assert!(stamps.is_sorted());
     }
 }
@@ -180,7 +190,8 @@ fn one_packet_lost_in_a_hundred_is_counted_to_the_packet_and_the_scans_go_on() {
         let (swallowed, counts) = (device.sent().swallowed, host.lidar.counts());
         assert!(swallowed > 5, "{swallowed}");
         assert_eq!(counts.lost, swallowed, "{protocol:?}: {counts:?}");
-        let in_scans: u64 = host.output.memory.iter().map(|(header, _)| u64::from(header.lost_packets)).sum();
+        let in_scans: u64 =
+            host.output.scans.memory.iter().map(|(header, _)| u64::from(header.lost_packets)).sum();
         assert_eq!(in_scans, swallowed);
         assert!(host.reporter.counters.degraded > 0);
         host.until_noted(&["sampling", &format!("{swallowed} lost")]);
@@ -203,7 +214,7 @@ fn packets_that_come_twice_or_late_or_damaged_are_left_out_and_counted() {
         assert!(counts.late > 10 && counts.damaged > 5, "{protocol:?}: {counts:?}");
         // Each shot at most once, and in order.
         let shots: Vec<_> =
-            host.output.memory[3..].iter().flat_map(|(_, points)| points.iter().map(shot)).collect();
+            host.output.scans.memory[3..].iter().flat_map(|(_, points)| points.iter().map(shot)).collect();
         assert!(shots.windows(2).all(|pair| pair[0] < pair[1]), "{protocol:?}");
         host.until_noted(&["late", "damaged"]);
     }
@@ -239,6 +250,32 @@ fn a_stranger_s_packets_are_counted_and_nothing_of_them_is_used() {
 
 fn evac_formats_shot() -> evac_formats::livox_sdk1::CartesianMm {
     evac_formats::livox_sdk1::CartesianMm { position: [9999, 0, 0], reflectivity: 1 }
+}
+
+#[test]
+fn health_has_the_device_s_own_words_and_every_count() {
+    for protocol in BOTH {
+        let (device, mut host) = pair(protocol);
+        host.scans(3);
+        assert_eq!((host.reporter.device.status, host.reporter.device.sessions), (0, 1), "{protocol:?}");
+        // Motor (bits 4 and 5): a warning; the scanner by the second protocol.
+        device.faults(|faults| (faults.status, faults.lost_share, faults.corrupt_share) = (0x10, 0.02, 0.02));
+        let complaint = if protocol == Protocol::Sdk1 { "motor warning" } else { "scanner warning" };
+        host.until_noted(&["sampling", complaint]);
+        host.scans(10);
+        let (health, counts) = (host.reporter.device, host.lidar.counts());
+        // Normal by the first protocol, sampling by the second.
+        assert_eq!((health.status, health.state), (0x10, 1), "{protocol:?}");
+        let kind = if protocol == Protocol::Sdk1 { DeviceKind::LivoxSdk1 } else { DeviceKind::LivoxSdk2 };
+        assert_eq!(health.kind, kind as u32);
+        let temperature = if protocol == Protocol::Sdk1 { NO_TEMPERATURE } else { 4150 };
+        assert_eq!(health.temperature_centi, temperature);
+        assert!(health.used > 500 && health.lost > 0 && health.corrupt > 0, "{protocol:?}: {health:?}");
+        assert!(health.used <= counts.used && health.lost <= counts.lost, "{health:?} {counts:?}");
+        // All is well again.
+        device.faults(|faults| *faults = Faults::default());
+        host.until("the complaint to end", |host| (!host.reporter.noted().contains(complaint)).then_some(()));
+    }
 }
 
 #[test]

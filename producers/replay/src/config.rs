@@ -36,6 +36,8 @@ pub struct Config {
     pub imu_topic: Option<String>,
     /// Unit of the specific force in a bag's IMU messages.
     pub imu_unit: ImuUnit,
+    /// Unit of the angular rate in a bag's IMU messages.
+    pub gyro_unit: GyroUnit,
     /// One g in m/s^2, for sources that measure in g (WT901C, Livox). Standard gravity; the vendor of the WT901C
     /// calculates with 9.8.
     pub one_g_m_s2: f64,
@@ -63,6 +65,20 @@ pub enum ImuUnit {
     G,
 }
 
+/// Unit of angular rate in `sensor_msgs/Imu`: rad/s by its definition, degrees/s as some drivers publish it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum GyroUnit {
+    /// Rad/s, unless gravity shows in the first minute that it is degrees/s.
+    #[serde(rename = "auto")]
+    Auto,
+    /// Radians per second.
+    #[serde(rename = "rad/s")]
+    RadiansPerSecond,
+    /// Degrees per second.
+    #[serde(rename = "deg/s")]
+    DegreesPerSecond,
+}
+
 impl Default for Config {
     fn default() -> Self {
         Self {
@@ -75,6 +91,7 @@ impl Default for Config {
             lidar_topic: None,
             imu_topic: None,
             imu_unit: ImuUnit::Auto,
+            gyro_unit: GyroUnit::Auto,
             one_g_m_s2: 9.80665,
             scan_period_ms: 100.0,
             start_s: 0.0,

@@ -12,5 +12,5 @@ mod imu_log;
 mod source;
 mod streams;
 
-pub use config::{Config, ImuUnit};
+pub use config::{Config, GyroUnit, ImuUnit};
 pub use source::Replay;

@@ -7,7 +7,7 @@ mod common;
 use common::bag::{Bag, F32, F64, U32, cloud, custom};
 use common::{Told, error_of, tell};
 use evac_frames::scan_flags;
-use evac_replay::{Config, ImuUnit};
+use evac_replay::{Config, GyroUnit, ImuUnit};
 use evac_stage::Counters;
 
 const CLOUD: &str = "sensor_msgs/PointCloud2";
@@ -113,6 +113,36 @@ fn the_unit_of_specific_force_is_told_by_gravity_or_by_the_configuration() {
         refused.contains("/imu") && refused.contains("3.000") && refused.contains("imu_unit"),
         "{refused}"
     );
+}
+
+#[test]
+fn rates_in_degrees_are_told_by_how_gravity_turns_or_by_the_configuration() {
+    let folder = tempfile::tempdir().unwrap();
+    let rate = |scale: f64, unit: GyroUnit| {
+        let mut bag = Bag::new();
+        for k in 0..75 {
+            bag.push(
+                "/livox/lidar",
+                CUSTOM,
+                custom(START + k * 100 * MS, &[(0, 1.0), (99 * MS as u32, 1.0)]),
+            );
+        }
+        bag.push_tilting_imu(START, scale);
+        let told = tell(Config { gyro_unit: unit, ..config(&bag, &folder) }, 0);
+        told.imu[300].gyro[0]
+    };
+    let degrees = 1_f64.to_degrees();
+    for (scale, unit, expected) in [
+        (1.0, GyroUnit::Auto, 0.7),
+        (degrees, GyroUnit::Auto, 0.7),
+        (degrees, GyroUnit::DegreesPerSecond, 0.7),
+        (degrees, GyroUnit::RadiansPerSecond, 0.7 * degrees),
+        // Another range: said, and left as it is.
+        (2.0, GyroUnit::Auto, 1.4),
+    ] {
+        let rate = rate(scale, unit);
+        assert!((rate - expected).abs() < 1e-9, "{scale} {unit:?}: {rate}");
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ mod common;
 use std::fs;
 
 use common::bag::{Bag, F64, cloud, custom};
-use evac_formats::livox_sdk1::{CartesianMm, encode_cartesian, encode_imu};
+use evac_formats::livox_sdk1::{CartesianMm, DataFields, encode_cartesian, encode_imu};
 use evac_formats::pcap::PcapWriter;
 use evac_formats::wt901c::{encode_accel, encode_gyro, encode_time};
 use evac_replay::{Config, Replay};
@@ -43,7 +43,7 @@ fn capture() -> Vec<u8> {
         let stamp = packet * 4_000_000;
         encode_cartesian(stamp, &shots, &mut payload);
         writer.write_udp(stamp as i64, lidar, host, &payload).unwrap();
-        encode_imu(stamp + 1, [0.0; 3], [0.0, 0.0, 1.0], &mut payload);
+        encode_imu(&DataFields::power_on(stamp + 1), [0.0; 3], [0.0, 0.0, 1.0], &mut payload);
         writer.write_udp(stamp as i64, lidar, host, &payload).unwrap();
     }
     writer.finish().unwrap()

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use common::{bag, error_of, open, tell, walk};
-use evac_formats::livox_sdk1::{CartesianMm, DATAGRAM_SHOTS, encode_cartesian, encode_imu};
+use evac_formats::livox_sdk1::{CartesianMm, DATAGRAM_SHOTS, DataFields, encode_cartesian, encode_imu};
 use evac_formats::pcap::PcapWriter;
 use evac_formats::wt901c::{encode_accel, encode_gyro};
 use evac_replay::Config;
@@ -109,7 +109,7 @@ fn only_one_of_two_lidars_is_replayed() {
             write(&mut writer, ms, source, &payload);
         }
         if ms % 5 == 0 {
-            encode_imu(ms * MS, [0.0; 3], [0.0, 0.0, 1.0], &mut payload);
+            encode_imu(&DataFields::power_on(ms * MS), [0.0; 3], [0.0, 0.0, 1.0], &mut payload);
             write(&mut writer, ms, "10.0.0.2:65001", &payload);
         }
     }

@@ -4,6 +4,7 @@ mod common;
 
 use common::{bag, tell, walk};
 use evac_frames::{Point, frame_flags, scan_flags};
+use evac_geometry::{GyroScale, GyroScaleCheck};
 use evac_replay::Config;
 use evac_stage::Counters;
 
@@ -196,5 +197,21 @@ fn bags_of_all_kinds_that_rosbags_has_written_give_the_same_scans_and_imu() {
             assert_eq!((&ros2.scans, &ros2.imu), (&ros1.scans, &ros1.imu), "{name} {topic}");
             assert_eq!(ros2.points, ros1.points, "{name} {topic}");
         }
+    }
+}
+
+#[test]
+fn gravity_accuses_no_gyroscope_of_a_walk_and_knows_degrees_from_radians_in_every_one() {
+    for name in ["corridor", "hall", "shake"] {
+        let Some(config) = walk(name) else { return };
+        let imu = tell(config, 0).imu;
+        let verdict = |scale: f64| {
+            let mut check = GyroScaleCheck::new(9.80665);
+            imu.iter().for_each(|s| check.push(s.stamp_ns, s.gyro.map(|rate| rate * scale), s.accel));
+            check.verdict()
+        };
+        assert!(matches!(verdict(1.0), GyroScale::Unknown | GyroScale::Right), "{name}: {:?}", verdict(1.0));
+        let degrees = 1_f64.to_degrees();
+        assert_eq!(verdict(degrees), GyroScale::Times(degrees), "{name}");
     }
 }

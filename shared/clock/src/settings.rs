@@ -17,6 +17,9 @@ pub struct Settings {
     pub settle_ns: i64,
     /// A clock that jumps by more has been set, nanoseconds. Longer than any delay that varies.
     pub step_ns: i64,
+    /// Arrivals earlier than the envelope by more mean the same, once the envelope is known, nanoseconds: data comes late, never
+    /// early. Larger than what the envelope itself is rough by.
+    pub early_ns: i64,
     /// Arrivals that are all later than this for `confirm_ns` mean that the counter has lost ticks, nanoseconds.
     pub shift_ns: i64,
     /// See `shift_ns`; nanoseconds of the host's clock.
@@ -33,7 +36,8 @@ impl Settings {
             window_ns: 32_000_000_000,
             settle_ns: 500_000_000,
             step_ns: 100_000_000,
-            shift_ns: 20_000_000,
+            early_ns: 2_000_000,
+            shift_ns: 5_000_000,
             confirm_ns: 1_000_000_000,
         }
     }
@@ -44,6 +48,8 @@ impl Settings {
         let tick_ns = 1e9 / rate_hz;
         Self {
             tolerance_ppm: 5000.0,
+            // An index that is ahead was counted wrongly; a line that was laid with a wrong rate is early too.
+            early_ns: 100_000_000,
             shift_ns: (tick_ns / 2.0) as i64,
             // The rate is looked for at the same time.
             settle_ns: 1_500_000_000,

@@ -50,7 +50,7 @@ pub(crate) struct Watch {
 impl Watch {
     /// Judges an arrival at `place` ticks that lies `off_ns` above the envelope (negative: below); `behind` says that its
     /// device time is not after that of the newest accepted one, `sure` that
-    /// the envelope is known well enough to call an arrival late.
+    /// the envelope is known well enough to call an arrival late, or a little early.
     pub(crate) fn judge(
         &mut self,
         settings: &Settings,
@@ -61,7 +61,8 @@ impl Watch {
         host_ns: i64,
     ) -> Verdict {
         let step_ns = settings.step_ns as f64;
-        if behind || off_ns < -step_ns {
+        let earliest_ns = if sure { settings.early_ns.min(settings.step_ns) } else { settings.step_ns };
+        if behind || off_ns < -(earliest_ns as f64) {
             return self.jumped(place, off_ns, step_ns);
         }
         self.jump = None;

@@ -3,7 +3,9 @@
 mod error;
 mod pipeline;
 mod rig;
+mod supervision;
 
 pub use error::ConfigError;
 pub use pipeline::{Mode, Pipeline, StageEntry};
 pub use rig::{ImuFromLidar, Rig, RigFile};
+pub use supervision::{Scheduling, Supervision};

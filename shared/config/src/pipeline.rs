@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::{ConfigError, Rig};
+use crate::{ConfigError, Rig, Scheduling, Supervision};
 
 /// Letters of a stage's name: what a health frame has room for, with its final zero.
 const LONGEST_NAME: usize = 23;
@@ -30,19 +30,22 @@ pub struct Pipeline {
     /// How frames flow.
     #[serde(default)]
     pub mode: Mode,
-    /// Speed of a recording or the simulator in live mode: 1 is real time, 2 twice as fast.
-    #[serde(default = "real_time")]
-    pub rate: f64,
+    /// Speed of a recording or the simulator: 1 is real time, 2 twice as fast. Where it is absent, a live stream runs
+    /// in real time and a lossless one as fast as its sinks; where it is given, a lossless one runs no faster than it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate: Option<f64>,
+    /// A recording or the simulator waits before each scan for a line on standard input.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub step: bool,
     /// Where the sensors sit.
     #[serde(default)]
     pub rig: Rig,
+    /// What counts as a hang, and where journals are.
+    #[serde(default, skip_serializing_if = "Supervision::is_default")]
+    pub supervision: Supervision,
     /// The stages.
     #[serde(default, rename = "stage")]
     pub stages: Vec<StageEntry>,
-}
-
-fn real_time() -> f64 {
-    1.0
 }
 
 /// One `[[stage]]`.
@@ -57,6 +60,9 @@ pub struct StageEntry {
     /// Another executable that keeps the contract, with its first arguments; evac's own where it is absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub run: Option<Vec<PathBuf>>,
+    /// How the kernel schedules it; as any process where it is absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scheduling: Option<Scheduling>,
     /// Its configuration.
     #[serde(default, skip_serializing_if = "toml::Table::is_empty")]
     pub config: toml::Table,
@@ -65,7 +71,7 @@ pub struct StageEntry {
 impl StageEntry {
     /// A stage of evac's own with default configuration.
     pub fn of_kind(kind: &str) -> Self {
-        Self { kind: kind.to_owned(), name: None, run: None, config: toml::Table::new() }
+        Self { kind: kind.to_owned(), name: None, run: None, scheduling: None, config: toml::Table::new() }
     }
 
     /// Name of this instance.
@@ -110,10 +116,13 @@ impl Pipeline {
     }
 
     fn check(&self) -> Result<(), String> {
-        if !(self.rate.is_finite() && self.rate > 0.0 && self.rate <= 1000.0) {
-            return Err(format!("rate = {} must be above 0 and at most 1000", self.rate));
+        if let Some(rate) = self.rate
+            && !(rate.is_finite() && rate > 0.0 && rate <= 1000.0)
+        {
+            return Err(format!("rate = {rate} must be above 0 and at most 1000"));
         }
         self.rig.check()?;
+        self.supervision.check()?;
         for (i, stage) in self.stages.iter().enumerate() {
             let name = stage.name();
             if name.is_empty()
@@ -131,6 +140,9 @@ impl Pipeline {
             }
             if stage.run.as_ref().is_some_and(Vec::is_empty) {
                 return Err(format!("stage '{name}': run = [] names no executable"));
+            }
+            if let Some(scheduling) = &stage.scheduling {
+                scheduling.check().map_err(|cause| format!("stage '{name}': {cause}"))?;
             }
         }
         Ok(())
@@ -169,6 +181,10 @@ mod tests {
             ("[[stage]]\nkind = \"a b\"", "letters"),
             ("[[stage]]\nkind = \"lio\"\nrun = []", "executable"),
             ("[rig.imu_from_lidar]\ntranslation_m = [nan, 0.0, 0.0]", "finite"),
+            ("[supervision]\nhang_after_frames = 1", "hang_after_frames"),
+            ("[supervision]\njournal_max_mib = nan", "journal_max_mib"),
+            ("[[stage]]\nkind = \"lio\"\n[stage.scheduling]\nfifo_priority = 100", "fifo_priority"),
+            ("[[stage]]\nkind = \"lio\"\n[stage.scheduling]\ncpus = [0, 5000]", "5000"),
             ("[rig.imu_from_lidar]\nroll_pitch_yaw_deg = [0.0, 0.0, 400.0]", "360"),
         ] {
             let error = parse(text).unwrap_err().to_string();

@@ -105,7 +105,7 @@ fn encoded_datagrams_are_the_golden_ones_byte_for_byte() {
         let data_type = datagram.header.data_type;
         if data_type == DataType::Imu {
             let imu = datagram.imu(0).unwrap();
-            encode_imu(stamp, imu.gyro, imu.accel_g, &mut out);
+            encode_imu(&DataFields::power_on(stamp), imu.gyro, imu.accel_g, &mut out);
         } else {
             let records = bytes[18..].chunks_exact(data_type.record_bytes());
             let points: Vec<_> = records.flat_map(|record| raw_points(data_type, record)).collect();

@@ -1,5 +1,6 @@
 //! What stages say about themselves.
 
+use crate::device::DeviceHealth;
 use crate::layout::frame;
 
 /// State of a stage, as [`Health::state`].
@@ -20,6 +21,8 @@ pub enum StageState {
     Ready = 5,
     /// Has handed over to another instance: [`Health::last_seq`] is the last frame it has dealt with, or [`NO_SEQ`].
     Retired = 6,
+    /// Processes beside the routed instance, and nobody listens to it.
+    Shadow = 7,
 }
 
 /// In the place of a sequence number: there was no frame.
@@ -73,7 +76,7 @@ frame! {
 
 frame! {
     /// A stage's report on `health/status`, each second and once at its end.
-    "evac.Health.v2", 448 bytes,
+    "evac.Health.v3", 568 bytes,
     pub struct Health {
         /// Instance name, UTF-8, zero padded.
         pub name: [u8; 32],
@@ -120,6 +123,8 @@ frame! {
         pub total: u64,
         /// How the odometry fares, where the stage is one.
         pub odometry: OdometryHealth,
+        /// How the device fares, where the stage is a driver.
+        pub device: DeviceHealth,
     }
 }
 

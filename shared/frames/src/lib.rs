@@ -9,17 +9,21 @@
 //! coordinates to map coordinates).
 
 mod attitude;
+mod device;
 mod health;
 mod layout;
 mod map;
 mod pose;
 mod route;
 mod scan;
+mod trace;
 
 pub use attitude::{ImuAttitude, attitude_flags};
+pub use device::{DeviceHealth, DeviceKind, NO_DEVICE_STATE, NO_TEMPERATURE};
 pub use health::{Ack, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 pub use layout::{Field, Layout, layout_hash};
 pub use map::{GridHeader, MapHeader, Voxel, map_flags, voxel_flags};
 pub use pose::{PoseFrame, TrackingState};
 pub use route::{Route, route_flags};
 pub use scan::{FrameHeader, ImuSample, MAX_TIME_OFFSET_NS, Point, ScanHeader, frame_flags, scan_flags};
+pub use trace::Trace;

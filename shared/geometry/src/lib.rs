@@ -4,12 +4,14 @@
 //! `map_from_imu * imu_from_lidar = map_from_lidar`.
 
 mod extrinsic;
+mod gyro_scale;
 mod imu_conditioning;
 mod imu_integration;
 mod pose;
 mod standstill;
 
 pub use extrinsic::{imu_from_lidar, rotation_from_euler};
+pub use gyro_scale::{GyroScale, GyroScaleCheck};
 pub use imu_conditioning::{Conditioned, ImuConditioner};
 pub use imu_integration::{ImuCoverage, ImuIntegrator, ImuState};
 pub use nalgebra;

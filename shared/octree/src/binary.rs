@@ -22,6 +22,14 @@ impl OctreeMap {
     /// OctoMap's `prune` goes from depth 15 up to 1 and stops at the first depth at which there is nothing to merge, so a
     /// tree may keep eight equal leaves higher up; files are byte-equal only with the same halt.
     pub fn bt_bytes(&self) -> Vec<u8> {
+        let (body, nodes) = self.binary_body();
+        let mut bytes = bt_header(nodes, self.space().resolution());
+        bytes.extend_from_slice(&body);
+        bytes
+    }
+
+    /// Bytes behind the text, and the number of nodes.
+    pub(crate) fn binary_body(&self) -> (Vec<u8>, usize) {
         let sorted = self.bricks.sorted_known();
         // At first as if pruning went up to the root. Where it halts before, what was merged above is written anew.
         let mut writer = Writer::new(&self.bricks, 1);
@@ -31,9 +39,7 @@ impl OctreeMap {
             writer = Writer::new(&self.bricks, halt + 1);
             writer.root(&sorted);
         }
-        let mut bytes = bt_header(writer.nodes, self.space().resolution());
-        bytes.extend_from_slice(&writer.bytes);
-        bytes
+        (writer.bytes, writer.nodes)
     }
 }
 

@@ -55,6 +55,7 @@ mod map;
 mod marks;
 mod mask;
 mod merge;
+mod message;
 mod morton;
 mod numbers;
 mod palette;

@@ -5,7 +5,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use evac_formats::octomap::{bt_bytes, bt_const_bytes, ot_bytes, read};
+use evac_formats::octomap::{OctomapBody, bt_bytes, bt_const_bytes, ot_bytes, read};
 use evac_octree::{
     Bounds, Key, KeySpace, MapConfig, OcTreeFile, OctreeMap, Probabilities, Pruning, RayCast, Scan,
     ScanOptions, SensorModel,
@@ -231,4 +231,17 @@ fn a_block_of_equal_eights_is_pruned_by_insertion_but_not_across_its_halves() {
         }
     }
     assert_golden(Some(map), "prune_break");
+}
+
+#[test]
+fn maps_go_through_ros_messages_without_a_difference() {
+    let Some(map) = with_scans(empty(0.1), 1, ScanOptions::default()) else { return };
+    for body in [map.full_message(), map.binary_message()] {
+        let path = golden(if body.binary { "scan3_r10.bt" } else { "scan3_r10.ot" }).unwrap();
+        assert!(body == OctomapBody::of_file(&fs::read(&path).unwrap(), &path).unwrap());
+        let received = OctreeMap::from_message(&body, MapConfig::new(0.1)).unwrap();
+        let read = OctreeMap::read(&fs::read(&path).unwrap(), &path, MapConfig::new(0.1)).unwrap();
+        assert!(received.voxels().eq(read.voxels()));
+    }
+    assert!(empty(0.1).full_message().data.is_empty() && empty(0.1).binary_message().data.is_empty());
 }

@@ -32,6 +32,14 @@ impl Domain {
         Err(PortError::BadDomain { name: name.to_owned(), cause: cause.to_owned() })
     }
 
+    /// Where this domain's shadows write: nobody in the domain itself hears them.
+    ///
+    /// # Errors
+    /// [`PortError::BadDomain`] where the name has no room for the addition.
+    pub fn of_shadows(&self) -> Result<Self, PortError> {
+        Self::new(&format!("{}-shadow", self.name))
+    }
+
     /// Its name.
     pub fn name(&self) -> &str {
         &self.name

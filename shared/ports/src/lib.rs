@@ -7,6 +7,7 @@
 pub const MIDDLEWARE: &str = "iceoryx2 0.10.0";
 
 mod bus;
+pub mod catalogue;
 mod clock;
 mod domain;
 mod error;

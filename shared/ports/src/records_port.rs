@@ -36,6 +36,7 @@ fn open<S: RecordService>(bus: &Bus) -> Result<PortFactory<Ipc, Wire<S::Record>,
 /// Publishes records of one service.
 #[derive(Debug)]
 pub struct RecordPublisher<S: RecordService> {
+    service: PortFactory<Ipc, Wire<S::Record>, ()>,
     publisher: Publisher<Ipc, Wire<S::Record>, ()>,
     notifier: Notifier<Ipc>,
 }
@@ -51,7 +52,12 @@ impl<S: RecordService> RecordPublisher<S> {
             retry(S::NAME, "publish", || service.publisher_builder().max_loaned_samples(2).create())?;
         let events = bus.events(S::NAME, &S::QOS)?;
         let notifier = retry(S::NAME, "notify", || events.notifier_builder().create())?;
-        Ok(Self { publisher, notifier })
+        Ok(Self { service, publisher, notifier })
+    }
+
+    /// Whether somebody reads the service at the moment: a look at shared memory.
+    pub fn has_subscriber(&self) -> bool {
+        self.service.dynamic_config().number_of_subscribers() > 0
     }
 
     /// Publishes one record.

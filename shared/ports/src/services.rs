@@ -5,7 +5,7 @@
 
 use evac_frames::{
     Ack, GridHeader, Health, ImuAttitude, ImuSample, Layout, MapHeader, Point, PoseFrame, Route, ScanHeader,
-    Voxel,
+    Trace, Voxel,
 };
 
 /// Quality of service of one service.
@@ -189,6 +189,15 @@ impl RecordService for SinkAck {
     const NAME: &'static str = "sink/ack";
     const QOS: Qos = Qos { publishers: 12, subscribers: 14, buffer: 64, borrowed: 2, history: 1, nodes: 32 };
     type Record = Ack;
+}
+
+/// When frames passed the stages, for whoever wants to see it.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameTrace;
+impl RecordService for FrameTrace {
+    const NAME: &'static str = "trace/frame";
+    const QOS: Qos = Qos { publishers: 24, subscribers: 4, buffer: 256, borrowed: 2, history: 0, nodes: 32 };
+    type Record = Trace;
 }
 
 /// The launcher's word on which instance of a stage is listened to. It says everything anew when a process joins.

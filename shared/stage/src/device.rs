@@ -13,6 +13,11 @@ pub trait Device: Sized {
     /// Where its data goes.
     type Output: StageOutput;
 
+    /// Services that it writes as it is configured: all of its output's, unless it says otherwise.
+    fn services(_config: &Self::Config) -> &'static [&'static str] {
+        Self::Output::SERVICES
+    }
+
     /// Builds the driver. An absent device is no error: it is looked for until it is there.
     ///
     /// # Errors

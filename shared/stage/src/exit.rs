@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use evac_config::ConfigError;
 use evac_ports::PortError;
 
-use crate::StageError;
+use crate::{StageError, say_failure};
 
 /// Why a process ends before its work is done.
 #[derive(Debug, thiserror::Error)]
@@ -46,7 +46,7 @@ pub fn exit_code(name: &str, result: Result<(), RunError>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("{name}: {error}");
+            say_failure(name, &error);
             ExitCode::from(error.code())
         }
     }

@@ -31,6 +31,8 @@ pub(crate) struct Gate<T> {
     /// Newest frame that has come from an epoch older than the first cut's.
     before: Option<u64>,
     early: VecDeque<(u64, u32, T)>,
+    /// The routed instance has given way to an older one, and so have all up to this epoch: what they sent is no use.
+    void: u32,
 }
 
 /// From `from_seq` on `epoch` is listened to.
@@ -54,6 +56,7 @@ impl<T> Gate<T> {
             generation: 0,
             before: None,
             early: VecDeque::with_capacity(MAX_EARLY + 1),
+            void: 0,
         }
     }
 
@@ -68,6 +71,9 @@ impl<T> Gate<T> {
         let alone = route.flags & route_flags::ALONE != 0;
         // The same cut again says that the old instance has ended; a cut that none got to is void.
         let known = self.cuts.iter().find(|cut| cut.epoch == route.epoch).and_then(|cut| cut.newest);
+        let youngest = self.cuts.iter().map(|cut| cut.epoch).max().unwrap_or(0);
+        self.void = if youngest > route.epoch { youngest } else { self.void };
+        self.early.retain(|(_, epoch, _)| *epoch <= route.epoch || *epoch > self.void);
         while self.cuts.back().is_some_and(|cut| cut.from_seq >= route.from_seq || cut.epoch == route.epoch) {
             self.cuts.pop_back();
         }
@@ -82,6 +88,10 @@ impl<T> Gate<T> {
 
     /// Takes a frame; gives the one that can be handed on now, if there is one.
     pub(crate) fn offer(&mut self, seq: u64, epoch: u32, frame: T, input: &mut InputCounters) -> Option<T> {
+        let leads = self.cuts.back().map_or(self.epoch, |cut| cut.epoch);
+        if epoch > leads && epoch <= self.void {
+            return None;
+        }
         // The instance of the start is the oldest; of another one it is not known whether it is routed.
         let known = if self.next.is_some() { epoch <= self.epoch } else { epoch == 0 };
         if self.cuts.is_empty() && self.early.is_empty() && known {
@@ -95,10 +105,13 @@ impl<T> Gate<T> {
             input.late += u64::from(epoch == self.epoch);
             return None;
         }
-        if routed && !self.is_listened_to(seq, epoch) {
+        // A frame beyond its instance's end says that the instance leads again; that word is under way.
+        let goes_on =
+            self.cut_of(seq).and_then(|index| self.cuts.get(index)).is_some_and(|cut| epoch < cut.epoch);
+        if routed && !goes_on && !self.is_listened_to(seq, epoch) {
             return None;
         }
-        if routed && self.next == Some(seq) {
+        if routed && self.next == Some(seq) && self.is_listened_to(seq, epoch) {
             return self.hand_on(seq, epoch, frame);
         }
         self.early.push_back((seq, epoch, frame));
@@ -147,6 +160,8 @@ impl<T> Gate<T> {
 
     fn hand_on(&mut self, seq: u64, epoch: u32, frame: T) -> Option<T> {
         (self.next, self.epoch) = (Some(seq.saturating_add(1)), epoch);
+        let leads = self.cuts.back().map_or(0, |cut| cut.epoch);
+        self.early.retain(|(early, of, _)| *early > seq || *of > leads);
         while self.cuts.get(1).is_some_and(|second| second.from_seq <= seq) {
             self.cuts.pop_front();
         }

@@ -1,11 +1,12 @@
 //! A stage's report about itself: counters and latency percentiles, each second and once at its end.
 
-use evac_frames::{FrameHeader, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
+use evac_frames::{DeviceHealth, FrameHeader, Health, LatencySummary, NO_SEQ, OdometryHealth, StageState};
 use evac_ports::services::HealthStatus;
 use evac_ports::{Bus, PortError, RecordPublisher, now_ns};
 use hdrhistogram::Histogram;
 
 use crate::Counters;
+use crate::tracer::Tracer;
 
 /// Time between two reports.
 const INTERVAL_NS: i64 = 1_000_000_000;
@@ -19,12 +20,16 @@ pub struct Reporter {
     ipc: Latency,
     compute: Latency,
     end_to_end: Latency,
+    /// A processor's or consumer's.
+    pub(crate) tracer: Option<Tracer>,
     /// What came in.
     pub input: InputCounters,
     /// What the stage itself counts.
     pub counters: Counters,
     /// How the odometry fares, where the stage is one.
     pub odometry: OdometryHealth,
+    /// How the device fares, where the stage is a driver.
+    pub device: DeviceHealth,
     last_report: (i64, u64),
 }
 
@@ -70,9 +75,11 @@ impl Reporter {
             ipc: Latency::new(),
             compute: Latency::new(),
             end_to_end: Latency::new(),
+            tracer: None,
             input: InputCounters::default(),
             counters: Counters::default(),
             odometry: OdometryHealth::default(),
+            device: DeviceHealth::default(),
             last_report: (now_ns(), 0),
         }
     }
@@ -91,6 +98,9 @@ impl Reporter {
     pub fn received(&mut self, sent_ns: i64) {
         self.health.last_input_ns = now_ns();
         self.ipc.record(self.health.last_input_ns - sent_ns);
+        if let Some(tracer) = &mut self.tracer {
+            tracer.received(sent_ns, self.health.last_input_ns);
+        }
     }
 
     /// A frame with all its partners is about to be processed.
@@ -108,6 +118,9 @@ impl Reporter {
         self.health.last_seq = header.seq;
         self.compute.record(now - complete_ns);
         self.end_to_end.record(now - header.arrival_ns);
+        if let Some(tracer) = &self.tracer {
+            tracer.done(header, complete_ns, now);
+        }
     }
 
     /// A standby is done with frame `seq` of the routed instance.
@@ -187,6 +200,7 @@ impl Reporter {
         self.health.rejected = self.counters.rejected + self.input.imu_rejected;
         self.health.imu_lost = self.input.imu_lost;
         self.health.odometry = self.odometry;
+        self.health.device = self.device;
         self.health.ipc = self.ipc.summary();
         self.health.compute = self.compute.summary();
         self.health.end_to_end = self.end_to_end.summary();

@@ -1,6 +1,8 @@
 //! What stages are called with. The run loop joins the streams; a stage only sees complete sets.
 
-use evac_frames::{GridHeader, Health, ImuSample, MapHeader, Point, PoseFrame, ScanHeader, Voxel};
+use evac_frames::{
+    GridHeader, Health, ImuAttitude, ImuSample, MapHeader, Point, PoseFrame, Route, ScanHeader, Voxel,
+};
 
 /// A scan with the IMU data that covers it: input of the deskewer and of every odometry.
 #[derive(Debug, Clone, Copy)]
@@ -67,13 +69,15 @@ pub struct SinkInput<'a> {
     pub truth: Option<&'a PoseFrame>,
 }
 
-/// One message of any service: input of the recorder.
+/// One message of any service, of the instance that is listened to: input of the recorder.
 #[derive(Debug, Clone, Copy)]
 pub enum Tapped<'a> {
     /// `lidar/scan`
     Scan(&'a ScanHeader, &'a [Point]),
     /// `imu/sample`
     Imu(&'a ImuSample),
+    /// `imu/attitude`
+    Attitude(&'a ImuAttitude),
     /// `scan/deskewed`
     Deskewed(&'a ScanHeader, &'a [Point]),
     /// `odometry/pose`
@@ -86,4 +90,6 @@ pub enum Tapped<'a> {
     Grid(&'a GridHeader, &'a [u8]),
     /// `health/status`, and the newest time of the sensors.
     Health(&'a Health, i64),
+    /// `route`: which instance of a stage is listened to from here on; and the newest time of the sensors.
+    Route(&'a Route, i64),
 }

@@ -13,6 +13,7 @@
 //! The run loop adds ports, wake-up, the joining of streams, SIGTERM, health with latency histograms, acknowledgement in
 //! lossless mode, `--config`, `--print-config`, `--check` and exit codes.
 
+mod ack;
 mod check;
 mod checkpoint;
 mod device;
@@ -22,6 +23,7 @@ mod gate;
 mod health;
 mod input;
 pub mod joins;
+mod lidar_output;
 mod logging;
 mod options;
 mod output;
@@ -32,6 +34,9 @@ mod run_source;
 mod run_stage;
 mod source;
 mod stage;
+mod stage_main;
+mod step;
+mod tracer;
 mod tracking;
 
 pub use check::check_range;
@@ -42,7 +47,8 @@ pub use exit::{RunError, exit_code};
 pub use follow::{Followed, Follower, Readiness, Routed};
 pub use health::{InputCounters, Reporter};
 pub use input::{MapMessage, PlanInput, ScanWithImu, ScanWithPose, SinkInput, Tapped};
-pub use logging::{LogOptions, start_logging};
+pub use lidar_output::LidarOutput;
+pub use logging::{Format as LogFormat, LogOptions, say_failure, start_logging};
 pub use options::RunOptions;
 pub use output::{
     GridOutput, ImuOutput, MapOutput, NoOutput, PoseOutput, RawScanOutput, ScanOutput, StageOutput,
@@ -50,6 +56,7 @@ pub use output::{
 };
 pub use run_device::{device_main, run_device};
 pub use run_source::{run_source, source_main};
-pub use run_stage::{run_stage, stage_main};
+pub use run_stage::run_stage;
 pub use source::{SensorEvent, Source};
 pub use stage::{Counters, Stage, StageConfig, StageError};
+pub use stage_main::stage_main;

@@ -1,5 +1,8 @@
 //! Logs on standard error: lines for people, JSON on request.
 
+use std::fmt::Display;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use clap::{Args, ValueEnum};
 use tracing_subscriber::filter::LevelFilter;
 
@@ -9,9 +12,9 @@ pub struct LogOptions {
     /// Least important level that is logged.
     #[arg(long, value_enum, default_value_t = Level::Info)]
     pub log_level: Level,
-    /// Log JSON lines instead of text.
-    #[arg(long)]
-    pub log_json: bool,
+    /// Lines for people, or JSON lines.
+    #[arg(long, value_enum, env = "EVAC_LOG_FORMAT", default_value_t = Format::Text)]
+    pub log_format: Format,
 }
 
 /// Log levels.
@@ -29,17 +32,32 @@ pub enum Level {
     Trace,
 }
 
+/// How a log line is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Format {
+    /// For people.
+    Text,
+    /// One JSON object a line, for programs; everything on standard error is, errors at the end included.
+    Json,
+}
+
 impl LogOptions {
     /// The same flags for a child process.
     pub fn as_args(&self) -> Vec<String> {
-        let level = self.log_level.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned());
-        let mut args = vec!["--log-level".to_owned(), level];
-        if self.log_json {
-            args.push("--log-json".to_owned());
+        let name = |value: Option<clap::builder::PossibleValue>| {
+            value.map_or_else(String::new, |value| value.get_name().to_owned())
+        };
+        let mut args = vec!["--log-level".to_owned(), name(self.log_level.to_possible_value())];
+        // Text is what a stage writes anyway: one that knows nothing of formats need not know the option.
+        if self.log_format == Format::Json {
+            args.extend(["--log-format".to_owned(), name(self.log_format.to_possible_value())]);
         }
         args
     }
 }
+
+/// Whether this process logs JSON.
+static JSON: AtomicBool = AtomicBool::new(false);
 
 /// Starts logging; a second call in one process changes nothing.
 pub fn start_logging(options: &LogOptions) {
@@ -53,13 +71,22 @@ pub fn start_logging(options: &LogOptions) {
     evac_ports::quiet_middleware(options.log_level != Level::Trace);
     let builder = tracing_subscriber::fmt().with_max_level(filter).with_writer(std::io::stderr);
     // The only error is that a subscriber is set already, which is what a second call means.
-    let _ = if options.log_json {
-        builder.json().try_init().is_ok()
+    if options.log_format == Format::Json {
+        if builder.json().try_init().is_ok() {
+            JSON.store(true, Ordering::Relaxed);
+            std::panic::set_hook(Box::new(|panic| tracing::error!("{panic}")));
+        }
     } else {
-        builder
-            .with_target(false)
-            .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
-            .try_init()
-            .is_ok()
-    };
+        let is_terminal = std::io::IsTerminal::is_terminal(&std::io::stderr());
+        let _ = builder.with_target(false).with_ansi(is_terminal).try_init();
+    }
+}
+
+/// Says on standard error why a process ends: for people, or as the log does where that is JSON.
+pub fn say_failure(name: &str, cause: &dyn Display) {
+    if JSON.load(Ordering::Relaxed) {
+        tracing::error!(name, "{cause}");
+    } else {
+        eprintln!("{name}: {cause}");
+    }
 }

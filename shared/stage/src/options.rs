@@ -26,6 +26,9 @@ pub struct RunOptions {
     /// Follow the routed instance without publishing, until the launcher routes this one
     #[arg(long)]
     pub standby: bool,
+    /// Follow the routed instance to where it is, then go on beside it; the output goes to the domain's shadows
+    #[arg(long, conflicts_with = "standby")]
+    pub shadow: bool,
     /// Print the configuration that would be used, with every default, and end
     #[arg(long)]
     pub print_config: bool,
@@ -47,7 +50,8 @@ pub(crate) struct Context {
     pub(crate) domain: Domain,
     pub(crate) epoch: u32,
     pub(crate) mode: Mode,
-    pub(crate) rate: f64,
+    pub(crate) rate: Option<f64>,
+    pub(crate) step: bool,
     pub(crate) rig: Rig,
     pub(crate) pipeline: Option<Pipeline>,
     entry: StageEntry,
@@ -73,7 +77,8 @@ impl RunOptions {
             domain: Domain::new(domain.unwrap_or(Domain::DEFAULT))?,
             epoch: self.epoch,
             mode: pipeline.as_ref().map_or(Mode::Live, |p| p.mode),
-            rate: pipeline.as_ref().map_or(1.0, |p| p.rate),
+            rate: pipeline.as_ref().and_then(|p| p.rate),
+            step: pipeline.as_ref().is_some_and(|p| p.step),
             rig: pipeline.as_ref().map_or_else(Rig::default, |p| p.rig),
             pipeline,
             entry,
@@ -99,7 +104,9 @@ impl Context {
     pub(crate) fn with_config<C: StageConfig>(&self, config: &C) -> Result<String, RunError> {
         let config = toml::Table::try_from(config).map_err(unprintable)?;
         let stages = vec![StageEntry { config, ..self.entry.clone() }];
-        let pipeline = Pipeline { domain: None, mode: self.mode, rate: self.rate, rig: self.rig, stages };
+        let (mode, rate, step, rig) = (self.mode, self.rate, self.step, self.rig);
+        let supervision = evac_config::Supervision::default();
+        let pipeline = Pipeline { domain: None, mode, rate, step, rig, supervision, stages };
         toml::to_string(&pipeline).map_err(unprintable)
     }
 

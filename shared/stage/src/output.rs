@@ -28,6 +28,14 @@ pub trait StageOutput: Sized {
     /// [`PortError`].
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError>;
 
+    /// Opens those of [`Self::SERVICES`] that are named, where some may be left out; otherwise all.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn open_only(bus: &Bus, epoch: u32, _services: &[&str]) -> Result<Self, PortError> {
+        Self::open(bus, epoch)
+    }
+
     /// How the odometry fares whose output this is, for the health report; nothing for other stages.
     fn odometry(&self) -> OdometryHealth {
         OdometryHealth::default()
@@ -236,7 +244,8 @@ pub struct ImuOutput {
 #[derive(Debug)]
 struct ImuPort {
     samples: RecordPublisher<Imu>,
-    attitudes: RecordPublisher<Attitude>,
+    /// `None` for an IMU that has none.
+    attitudes: Option<RecordPublisher<Attitude>>,
     epoch: u32,
 }
 
@@ -245,6 +254,12 @@ impl ImuOutput {
     pub fn newest_only() -> Self {
         let (memory, attitudes) = (Vec::with_capacity(1), Vec::with_capacity(1));
         Self { newest_only: true, memory, attitudes, ..Self::default() }
+    }
+
+    /// Opens the service of samples, for an IMU that knows no attitude.
+    pub(crate) fn samples_only(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
+        let port = ImuPort { samples: RecordPublisher::open(bus)?, attitudes: None, epoch };
+        Ok(Self { port: Some(port), ..Self::default() })
     }
 
     /// Publishes a sample; gives it with its number and the moment of its hand-over.
@@ -283,7 +298,8 @@ impl ImuOutput {
             self.attitudes.push(attitude);
             return Ok(());
         };
-        port.attitudes.publish(&ImuAttitude { epoch: port.epoch, ..attitude }).map_err(failed)
+        let attitude = ImuAttitude { epoch: port.epoch, ..attitude };
+        port.attitudes.as_ref().map_or(Ok(()), |attitudes| attitudes.publish(&attitude)).map_err(failed)
     }
 }
 
@@ -292,8 +308,8 @@ impl StageOutput for ImuOutput {
     const IS_SINK: bool = false;
 
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError> {
-        let port =
-            ImuPort { samples: RecordPublisher::open(bus)?, attitudes: RecordPublisher::open(bus)?, epoch };
+        let attitudes = Some(RecordPublisher::open(bus)?);
+        let port = ImuPort { samples: RecordPublisher::open(bus)?, attitudes, epoch };
         Ok(Self { port: Some(port), ..Self::default() })
     }
 }

@@ -29,17 +29,37 @@ pub(crate) enum Next {
 /// When the next event is due.
 #[derive(Debug)]
 pub(crate) enum Pace {
-    RealTime { rate: f64, start: Option<(i64, i64)> },
-    Acknowledged(Box<Acks>),
+    RealTime(Clockwork),
+    /// As fast as the sinks, and no faster than the clockwork where there is one.
+    Acknowledged(Box<Acks>, Option<Clockwork>),
+}
+
+/// Stamps of the stream against this machine's clock.
+#[derive(Debug)]
+pub(crate) struct Clockwork {
+    rate: f64,
+    /// Stamp of the first event and when it was due.
+    start: Option<(i64, i64)>,
 }
 
 impl Pace {
-    pub(crate) fn real_time(rate: f64) -> Self {
-        Self::RealTime { rate, start: None }
+    pub(crate) fn real_time(rate: Option<f64>) -> Self {
+        Self::RealTime(Clockwork::new(rate.unwrap_or(1.0)))
     }
 
-    pub(crate) fn lossless(bus: &Bus, pipeline: Option<&Pipeline>) -> Result<Self, RunError> {
-        Ok(Self::Acknowledged(Box::new(Acks::open(bus, pipeline)?)))
+    pub(crate) fn lossless(
+        rate: Option<f64>,
+        bus: &Bus,
+        pipeline: Option<&Pipeline>,
+    ) -> Result<Self, RunError> {
+        Ok(Self::Acknowledged(Box::new(Acks::open(bus, pipeline)?), rate.map(Clockwork::new)))
+    }
+
+    /// After a pause time goes on where it stood.
+    pub(crate) fn resume(&mut self) {
+        if let Self::RealTime(clockwork) | Self::Acknowledged(_, Some(clockwork)) = self {
+            clockwork.start = None;
+        }
     }
 
     /// Waits until `event` is due, the next scan being number `next_seq`.
@@ -51,29 +71,44 @@ impl Pace {
         reporter: &mut Reporter,
     ) -> Result<Next, RunError> {
         match (self, event) {
-            (Self::RealTime { rate, start }, event) => {
-                let stamp_ns = match event {
-                    SensorEvent::Imu(sample) => sample.stamp_ns,
-                    SensorEvent::Scan(header) => header.frame.end_ns,
-                };
-                let (first_ns, started_ns) = *start.get_or_insert((stamp_ns, now_ns()));
-                let due_ns = started_ns + (stamp_ns.saturating_sub(first_ns) as f64 / *rate) as i64;
-                sleep_until(due_ns, bus, reporter)
-            }
-            (Self::Acknowledged(acks), SensorEvent::Scan(_)) => {
+            (Self::RealTime(clockwork), event) => sleep_until(clockwork.due_ns(event), bus, reporter),
+            (Self::Acknowledged(acks, clockwork), SensorEvent::Scan(_)) => {
+                if let Some(clockwork) = clockwork
+                    && sleep_until(clockwork.due_ns(event), bus, reporter)? == Next::Stop
+                {
+                    return Ok(Next::Stop);
+                }
                 acks.wait_for(next_seq.checked_sub(WINDOW), false, bus, reporter)
             }
             // They go with the scans: between two there are few, and SIGTERM is looked for at each scan.
-            (Self::Acknowledged(_), SensorEvent::Imu(_)) => Ok(Next::Go),
+            (Self::Acknowledged(..), SensorEvent::Imu(_)) => Ok(Next::Go),
         }
     }
 
     /// Waits until what was published has been read: in real time nobody says so, and it stays until SIGTERM.
     pub(crate) fn linger(&mut self, scans: u64, bus: &Bus, reporter: &mut Reporter) -> Result<(), RunError> {
         match self {
-            Self::RealTime { .. } => sleep_until(i64::MAX, bus, reporter).map(|_| ()),
-            Self::Acknowledged(acks) => acks.wait_for(scans.checked_sub(1), true, bus, reporter).map(|_| ()),
+            Self::RealTime(_) => sleep_until(i64::MAX, bus, reporter).map(|_| ()),
+            Self::Acknowledged(acks, _) => {
+                acks.wait_for(scans.checked_sub(1), true, bus, reporter).map(|_| ())
+            }
         }
+    }
+}
+
+impl Clockwork {
+    fn new(rate: f64) -> Self {
+        Self { rate, start: None }
+    }
+
+    /// When `event` is due, by this machine's clock; the first one is due at once.
+    fn due_ns(&mut self, event: &SensorEvent) -> i64 {
+        let stamp_ns = match event {
+            SensorEvent::Imu(sample) => sample.stamp_ns,
+            SensorEvent::Scan(header) => header.frame.end_ns,
+        };
+        let (first_ns, started_ns) = *self.start.get_or_insert((stamp_ns, now_ns()));
+        started_ns.saturating_add((stamp_ns.saturating_sub(first_ns) as f64 / self.rate) as i64)
     }
 }
 

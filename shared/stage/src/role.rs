@@ -1,4 +1,4 @@
-//! What an instance does with its frames: it leads, follows the one that does, or has handed over.
+//! What an instance does with its frames: it leads, follows the one that does, goes beside it, or has handed over.
 
 use evac_frames::{Health, Route, route_flags};
 
@@ -9,6 +9,8 @@ use crate::follow::Follower;
 pub(crate) enum Role<F> {
     /// Processes and publishes.
     Lead,
+    /// Processes as if it led, and publishes where nobody in the pipeline listens.
+    Shadow,
     /// Keeps up with the instance that leads.
     Follow(Box<Standby<F>>),
     /// Does nothing but hold its inputs, in case the other one fails.
@@ -21,6 +23,8 @@ pub(crate) struct Standby<F> {
     pub(crate) follower: F,
     /// It takes over as soon as everything is followed that the routed instance has put out.
     pub(crate) promotion: Option<Promotion>,
+    /// As soon as it could take over it goes on by itself instead.
+    pub(crate) shadow: bool,
     /// The last frame of the stream was followed.
     pub(crate) ended: bool,
     /// A sink's: it has what the routed instance had gathered before it came.
@@ -77,5 +81,10 @@ impl Orders {
 impl<F: Follower> Role<F> {
     pub(crate) fn leads(&self) -> bool {
         matches!(self, Self::Lead)
+    }
+
+    /// Whether it processes frames itself.
+    pub(crate) fn processes(&self) -> bool {
+        matches!(self, Self::Lead | Self::Shadow)
     }
 }

@@ -8,7 +8,7 @@ use evac_config::Mode;
 use evac_frames::StageState;
 use evac_ports::{Bus, now_ns};
 
-use crate::run_stage::{parse_options, prepare};
+use crate::stage_main::{parse_options, prepare};
 use crate::{Device, Reporter, RunError, RunOptions, StageError, StageOutput, exit_code, start_logging};
 
 /// Longest wait for a device, after which reports go out and SIGTERM is looked for.
@@ -33,9 +33,10 @@ pub fn run_device<D: Device>(options: &RunOptions) -> Result<(), RunError> {
             context.name
         ))));
     }
+    let services = D::services(&config);
     let mut device = D::new(config, &context.rig)?;
     let bus = Bus::join(&context.domain, &context.name)?;
-    let mut output = D::Output::open(&bus, context.epoch)?;
+    let mut output = D::Output::open_only(&bus, context.epoch, services)?;
     let mut reporter = Reporter::open(&bus, &context.name, context.epoch)?;
     let served = serve(&mut device, &mut output, &mut reporter, &bus);
     let result = served.and_then(|()| device.finish(&mut output).map_err(RunError::from));

@@ -10,7 +10,8 @@ use evac_ports::{Bus, FramePublisher, RecordPublisher, now_ns};
 
 use crate::options::Context;
 use crate::pace::{Next, Pace};
-use crate::run_stage::{parse_options, prepare};
+use crate::stage_main::{parse_options, prepare};
+use crate::step::Steps;
 use crate::{Counters, Reporter, RunError, RunOptions, SensorEvent, Source, exit_code, start_logging};
 
 /// Runs a source of its own executable: `main` of every producer of this kind.
@@ -32,10 +33,11 @@ pub fn run_source<S: Source>(options: &RunOptions) -> Result<(), RunError> {
     reporter.expect(source.total_scans());
     let pace = match context.mode {
         Mode::Live => Pace::real_time(context.rate),
-        Mode::Lossless => Pace::lossless(&bus, context.pipeline.as_ref())?,
+        Mode::Lossless => Pace::lossless(context.rate, &bus, context.pipeline.as_ref())?,
     };
     let outputs = Outputs::open(&bus, &context)?;
-    let mut running = Running { source, outputs, reporter, pace, bus: &bus, incomplete: 0 };
+    let steps = context.step.then(Steps::start);
+    let mut running = Running { source, outputs, reporter, pace, steps, bus: &bus, incomplete: 0 };
     let result = running.run();
     let (state, reason) = match &result {
         Ok(()) => (StageState::Finished, String::new()),
@@ -51,6 +53,8 @@ struct Running<'a, S> {
     outputs: Outputs,
     reporter: Reporter,
     pace: Pace,
+    /// Where each scan waits for a line.
+    steps: Option<Steps>,
     bus: &'a Bus,
     /// Scans with packets missing.
     incomplete: u64,
@@ -60,12 +64,14 @@ impl<S: Source> Running<'_, S> {
     fn run(&mut self) -> Result<(), RunError> {
         while let Some(event) = self.source.next_event()? {
             self.count();
-            let next = self.pace.wait(&event, self.outputs.next_seq, self.bus, &mut self.reporter)?;
-            if next == Next::Stop {
+            if self.wait(&event)? == Next::Stop {
                 return Ok(());
             }
             match event {
-                SensorEvent::Imu(sample) => self.outputs.imu(sample)?,
+                SensorEvent::Imu(sample) => {
+                    self.outputs.imu(sample)?;
+                    self.steps.iter_mut().for_each(|steps| steps.sample_went(&sample));
+                }
                 SensorEvent::Scan(header) => self.scan(header)?,
             }
         }
@@ -73,6 +79,20 @@ impl<S: Source> Running<'_, S> {
         self.count();
         self.reporter.end(StageState::Finished, "")?;
         self.pace.linger(self.outputs.next_seq, self.bus, &mut self.reporter)
+    }
+
+    /// Waits until `event` is asked for and due.
+    fn wait(&mut self, event: &SensorEvent) -> Result<Next, RunError> {
+        if let Some(steps) = &mut self.steps {
+            let (next, waited) = steps.wait(event, self.bus, &mut self.reporter)?;
+            if next == Next::Stop {
+                return Ok(next);
+            }
+            if waited {
+                self.pace.resume();
+            }
+        }
+        self.pace.wait(event, self.outputs.next_seq, self.bus, &mut self.reporter)
     }
 
     fn count(&mut self) {
@@ -90,6 +110,7 @@ impl<S: Source> Running<'_, S> {
         let complete_ns = now_ns();
         let header = self.outputs.scan(header, |index| self.source.point(index))?;
         self.reporter.done(&header.frame, complete_ns);
+        self.steps.iter_mut().for_each(|steps| steps.scan_went(&header));
         Ok(())
     }
 }

@@ -1,78 +1,34 @@
 //! The run loop of processors and consumers.
 
-use std::ffi::OsString;
 use std::ops::ControlFlow;
-use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::{Args as _, Command, FromArgMatches as _};
-use evac_frames::{Ack, FrameHeader, Health, Route, StageState, frame_flags};
-use evac_ports::services::{Routes, SinkAck};
-use evac_ports::{Bus, Listener, PortError, RecordPublisher, RecordSubscriber, Wake, now_ns, wait_on};
+use evac_frames::{FrameHeader, Route, StageState, frame_flags};
+use evac_ports::services::Routes;
+use evac_ports::{Bus, Listener, RecordSubscriber, Wake, now_ns, wait_on};
 
+use crate::ack::AckPort;
 use crate::checkpoint::Checkpoints;
 use crate::follow::{Followed, Follower};
 use crate::joins::{Join, JoinOptions};
 use crate::options::Context;
 use crate::role::{Order, Orders, Promotion, Role, Standby};
-use crate::{
-    Readiness, Reporter, RunError, RunOptions, Stage, StageConfig, StageError, StageOutput, State, exit_code,
-    start_logging,
-};
+use crate::stage_main::prepare;
+use crate::tracer::Tracer;
+use crate::{Readiness, Reporter, RunError, RunOptions, Stage, StageError, StageOutput, State};
 
 /// Kinds of odometry stages; a deskewer beside one of them uses its poses as prior.
 const ODOMETRY_KINDS: &[&str] = &["lio", "loam"];
 
-/// Runs a stage of its own executable: `main` of every stage crate.
-pub fn stage_main<S, J>(args: impl IntoIterator<Item = OsString>) -> ExitCode
-where
-    J: Join,
-    S: for<'a> Stage<Input<'a> = J::Frame<'a>>,
-{
-    let options = parse_options(S::NAME, args);
-    start_logging(&options.log);
-    exit_code(S::NAME, run_stage::<S, J>(&options))
-}
-
-/// The command line of a stage's own executable; ends the process with code 2 on wrong usage.
-pub(crate) fn parse_options(name: &'static str, args: impl IntoIterator<Item = OsString>) -> RunOptions {
-    let command = RunOptions::augment_args(Command::new(name).version(env!("CARGO_PKG_VERSION")));
-    let matches = command.get_matches_from(args);
-    RunOptions::from_arg_matches(&matches).unwrap_or_else(|error| error.exit())
-}
-
-/// Handles `--print-config` and `--check`; `None` when the process is done with that.
-pub(crate) fn prepare<C: StageConfig>(
-    kind: &'static str,
-    options: &RunOptions,
-) -> Result<Option<(Context, C)>, RunError> {
-    let context = options.context(kind)?;
-    let config: C = context.config()?;
-    if options.print_config {
-        print!("{}", context.with_config(&config)?);
-        return Ok(None);
+/// Where a shadow's output goes.
+fn shadow_bus<S: Stage>(context: &Context) -> Result<Bus, RunError> {
+    if <S::Output as StageOutput>::IS_SINK {
+        return Err(RunError::Value(format!(
+            "'{}' writes files, and a shadow would write over them; only processors can be shadows",
+            context.name
+        )));
     }
-    if options.check {
-        println!("{}: configuration is valid", context.name);
-        return Ok(None);
-    }
-    if let Some(parent) = options.die_with_parent {
-        die_with_parent(parent)?;
-    }
-    Ok(Some((context, config)))
-}
-
-/// Asks the kernel to end this process when the one that started it ends.
-fn die_with_parent(parent: u32) -> Result<(), RunError> {
-    use rustix::process::{Signal, getppid, set_parent_process_death_signal};
-    set_parent_process_death_signal(Some(Signal::TERM))
-        .map_err(|cause| RunError::Peer(format!("cannot follow the launcher: {cause}")))?;
-    // The launcher may have ended before the request: then somebody else is the parent now. (Not always init, and in a
-    // container the launcher may be init.)
-    if getppid().is_none_or(|pid| i64::from(pid.as_raw_pid()) != i64::from(parent)) {
-        return Err(RunError::Peer("the launcher has ended".to_owned()));
-    }
-    Ok(())
+    Ok(Bus::join(&context.domain.of_shadows()?, &context.name)?)
 }
 
 /// Runs a stage until its stream ends or SIGTERM comes.
@@ -95,20 +51,29 @@ where
     listeners.push(route_listener);
     let mut role = Role::Lead;
     let mut state = StageState::Waiting;
-    if options.standby {
+    if options.standby || options.shadow {
         let (follower, own_listeners) = <S::Output as Followed>::Follower::open(&bus, &context.name)?;
         listeners.extend(own_listeners);
-        role = Role::Follow(Box::new(Standby { follower, promotion: None, ended: false, restored: false }));
+        role = Role::Follow(Box::new(Standby {
+            follower,
+            promotion: None,
+            shadow: options.shadow,
+            ended: false,
+            restored: false,
+        }));
         state = StageState::Following;
     }
-    let output = S::Output::open(&bus, context.epoch)?;
+    let shadows = if options.shadow { Some(shadow_bus::<S>(&context)?) } else { None };
+    let output = S::Output::open(shadows.as_ref().unwrap_or(&bus), context.epoch)?;
     let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
     let checkpoints = match ack {
         Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
         None => None,
     };
+    let tracer = Tracer::open(&bus, &context.name, context.epoch)?;
     // Last, because it says that everything is open.
-    let reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
+    let mut reporter = Reporter::open_as(&bus, &context.name, context.epoch, state)?;
+    reporter.tracer = Some(tracer);
     let orders = Orders::new(&context.name, context.epoch);
     let mut running = Running {
         stage,
@@ -233,10 +198,9 @@ where
     }
 
     fn serve(&mut self) -> Result<(), RunError> {
-        if !self.role.leads() {
-            return Ok(());
-        }
-        if let (Some(checkpoints), Some(seq)) = (&self.checkpoints, self.last_seq)
+        // One that has handed over still answers the standby that takes over from it.
+        if let (Some(checkpoints), Some(seq), false) =
+            (&self.checkpoints, self.last_seq, matches!(self.role, Role::Follow(_)))
             && checkpoints.is_wanted()
         {
             let mut state = State::default();
@@ -246,12 +210,12 @@ where
                 tracing::warn!(%cause, "the state for a standby cannot be written");
             }
         }
-        Ok(self.stage.serve(&mut self.output)?)
+        if self.role.processes() { Ok(self.stage.serve(&mut self.output)?) } else { Ok(()) }
     }
 
     fn handle_next(&mut self) -> Result<bool, RunError> {
         match &self.role {
-            Role::Lead => self.process_next(),
+            Role::Lead | Role::Shadow => self.process_next(),
             Role::Follow(_) => self.follow_next(),
             Role::Retired => Ok(false),
         }
@@ -270,6 +234,9 @@ where
             reporter.begin();
             stage.process(input, output, &mut reporter.counters)?;
             reporter.odometry = output.odometry();
+            if !stage.note().is_empty() {
+                reporter.note(stage.note());
+            }
             reporter.done(frame, complete_ns);
             Ok::<FrameHeader, StageError>(*frame)
         });
@@ -291,15 +258,17 @@ where
 
     fn end(&mut self) -> Result<(), RunError> {
         self.stage.finish()?;
-        Ok(self.reporter.end(StageState::Finished, "")?)
+        let state = if self.role.leads() { StageState::Finished } else { StageState::Shadow };
+        Ok(self.reporter.end(state, "")?)
     }
 
     /// Follows the routed instance by one frame, or takes over from it when it was followed to its end.
     fn follow_next(&mut self) -> Result<bool, RunError> {
         let Role::Follow(standby) = &mut self.role else { return Ok(false) };
-        // After its first frame, so that the map's stream has begun by then.
+        // After its first frame, so that the map's stream has begun by then. From one that has died nothing more can be had.
+        let alone = standby.promotion.is_some_and(|promotion| promotion.alone);
         if let (Some(checkpoints), Some(last), false) =
-            (&mut self.checkpoints, self.last_seq, standby.restored)
+            (&mut self.checkpoints, self.last_seq, standby.restored || alone)
         {
             match checkpoints.take() {
                 Some((seq, mut state)) if seq >= last => {
@@ -308,6 +277,7 @@ where
                 }
                 _ => {
                     checkpoints.ask()?;
+                    self.reporter.change(StageState::Following)?;
                     self.join.limit(0);
                     return Ok(false);
                 }
@@ -353,11 +323,24 @@ where
         standby.restored &= self.last_seq.is_none_or(|last| handled <= last.saturating_add(1));
         self.last_seq = Some(handled);
         self.reporter.followed(handled);
+        if standby.shadow && readiness == Some(Readiness::Ready) {
+            return self.go_beside(handled);
+        }
         match readiness {
             Some(Readiness::Following) => self.reporter.change(StageState::Following)?,
             Some(Readiness::Ready) => self.reporter.change(StageState::Ready)?,
             None => {}
         }
+        Ok(true)
+    }
+
+    /// From the next frame on it goes by itself.
+    fn go_beside(&mut self, last_seq: u64) -> Result<bool, RunError> {
+        self.role = Role::Shadow;
+        self.leads_from = last_seq.saturating_add(1);
+        self.join.limit(u64::MAX);
+        self.reporter.forget();
+        self.reporter.change(StageState::Shadow)?;
         Ok(true)
     }
 
@@ -387,22 +370,5 @@ where
             }
         }
         Ok(true)
-    }
-}
-
-/// Where a sink says that it is done with a frame.
-struct AckPort {
-    publisher: RecordPublisher<SinkAck>,
-    ack: Ack,
-}
-
-impl AckPort {
-    fn open(bus: &Bus, context: &Context) -> Result<Self, PortError> {
-        let ack = Ack { name: Health::text(&context.name), epoch: context.epoch, ..Ack::default() };
-        Ok(Self { publisher: RecordPublisher::open(bus)?, ack })
-    }
-
-    fn send(&self, seq: u64, finished: bool) -> Result<(), PortError> {
-        self.publisher.publish(&Ack { seq, finished: u32::from(finished), ..self.ack })
     }
 }

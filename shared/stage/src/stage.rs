@@ -87,6 +87,11 @@ pub trait Stage: Sized {
         Ok(())
     }
 
+    /// What goes on, in words for an operator, in every health report; empty: nothing to say.
+    fn note(&self) -> &str {
+        ""
+    }
+
     /// Called once after the last frame or on SIGTERM; sinks finish their files here.
     ///
     /// # Errors

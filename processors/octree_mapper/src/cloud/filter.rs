@@ -143,9 +143,10 @@ impl CloudFilter {
         mut visit: impl FnMut([f32; 3], Verdict),
     ) -> Result<Removed, CloudFilterError<S::Error>> {
         let mut removed = Removed::default();
-        let Survey { counts, ground } = self.survey(source, &mut removed)?;
+        let Survey { counts, mut ground } = self.survey(source, &mut removed)?;
+        let surveyed = ground.is_some();
         let mut judge = |point, removed: &mut Removed| {
-            if ground.as_ref().is_some_and(|ground| ground.is_ground(point)) {
+            if ground.as_mut().is_some_and(|ground| ground.is_ground(point)) {
                 removed.ground += 1;
                 visit(point, Verdict::Ground);
             } else {
@@ -154,7 +155,6 @@ impl CloudFilter {
             }
         };
         let Some((outliers, counts)) = self.config.outliers.zip(counts) else {
-            let surveyed = ground.is_some();
             source
                 .each(|point| {
                     if self.admits(point, (!surveyed).then_some(&mut removed)) {

@@ -5,7 +5,7 @@ use std::mem;
 use rustc_hash::FxHashMap;
 
 use super::patch::{self, Patch};
-use super::surfaces::{NONE, Surface, Surfaces, column, key};
+use super::surfaces::{Cell, NONE, Surface, Surfaces, column, columns, key};
 use super::{Plane, planes_of, thickness_above};
 use crate::GroundConfig;
 
@@ -19,6 +19,8 @@ const STRAYS: u32 = 20;
 const FOOT_SHARE: f64 = 0.125;
 /// How far above a surface such points are looked for, metres.
 const FOOT_M: f64 = 0.25;
+/// More than heights of planes are rounded by within a million metres.
+const ROUNDING_M: f64 = 1e-6;
 
 /// Numbers of points by cell of the xy plane and slice of height.
 #[derive(Debug)]
@@ -49,7 +51,10 @@ impl GroundColumns {
 
     /// Counts a point, which is finite and within a million metres.
     pub(crate) fn add(&mut self, point: [f32; 3]) {
-        let origin = *self.origin.get_or_insert(point.map(f64::from));
+        // Whole cells and slices from zero, so that they are the same in any order of the points.
+        let edges = [self.config.cell_m, self.config.cell_m, self.slice_m];
+        let whole = |axis: usize| (f64::from(point[axis]) / edges[axis]).floor() * edges[axis];
+        let origin = *self.origin.get_or_insert_with(|| std::array::from_fn(whole));
         let [x, y, z] = std::array::from_fn(|axis| f64::from(point[axis]) - origin[axis]);
         let slice = (z / self.slice_m).floor() as i32;
         let cell = |value: f64| (value / self.config.cell_m).floor() as i32;
@@ -79,7 +84,9 @@ impl GroundColumns {
             surfaces: Surfaces::default(),
             slabs: Vec::new(),
             cells: FxHashMap::default(),
+            last: None,
             planes: Vec::new(),
+            heights: Vec::new(),
             slice_m: self.slice_m,
             config: self.config,
         };
@@ -110,8 +117,12 @@ pub(crate) struct CloudGround {
     slabs: Vec<[i32; 2]>,
     /// Cell by its key.
     cells: FxHashMap<u64, u32>,
+    /// The cell that was asked for last, by its key: a cloud's points come place by place.
+    last: Option<(u64, Option<u32>)>,
     /// By surface, the plane of the ground that it is part of.
     planes: Vec<Option<Plane>>,
+    /// By cell, heights outside which no point of it is ground.
+    heights: Vec<[f64; 2]>,
 }
 
 impl CloudGround {
@@ -143,9 +154,14 @@ impl CloudGround {
         self.cells.insert(key, cell);
     }
 
-    fn cell(&self, [x, y, _]: [f64; 3]) -> Option<usize> {
+    fn cell(&mut self, [x, y, _]: [f64; 3]) -> Option<usize> {
         let key = key(column(x / self.config.cell_m), column(y / self.config.cell_m));
-        self.cells.get(&key).map(|cell| *cell as usize)
+        let cell = match self.last {
+            Some((last, cell)) if last == key => cell,
+            _ => self.cells.get(&key).copied(),
+        };
+        self.last = Some((key, cell));
+        cell.map(|cell| cell as usize)
     }
 
     /// Gives a surface one of its points.
@@ -167,12 +183,35 @@ impl CloudGround {
         patch::join(&self.config, &mut self.surfaces, &mut patches, &mut stack);
         patch::judge(&self.config, &self.surfaces, &mut patches, None);
         planes_of(&self.surfaces, &patches, &mut self.planes);
+        self.heights = self.surfaces.cells.iter().map(|cell| self.heights(cell)).collect();
+    }
+
+    /// Lowest and highest a point of a cell can be ground: planes are extreme at the cell's corners.
+    fn heights(&self, cell: &Cell) -> [f64; 2] {
+        let corner = |at: u32, beyond: i32| f64::from(unbiased(at) + beyond) * self.config.cell_m;
+        let (x, y) = columns(cell.key);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        let around = cell.neighbours.iter().filter(|near| **near != NONE);
+        let ranges = around.map(|near| self.surfaces.cells[*near as usize].surfaces);
+        for [from, to] in ranges.chain([cell.surfaces]) {
+            for plane in self.planes[from as usize..to as usize].iter().flatten() {
+                for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                    let height = plane.height(corner(x, i), corner(y, j));
+                    (low, high) = (low.min(height), high.max(height));
+                }
+            }
+        }
+        [low - self.config.thickness_m - ROUNDING_M, high + self.config.thickness_m + ROUNDING_M]
     }
 
     /// Whether a point lies near the ground's plane in its own or a neighbouring cell.
-    pub(crate) fn is_ground(&self, point: [f32; 3]) -> bool {
+    pub(crate) fn is_ground(&mut self, point: [f32; 3]) -> bool {
         let point = self.surfaces.relative(point);
         let Some(cell) = self.cell(point) else { return false };
+        let [low, high] = self.heights[cell];
+        if !(low..=high).contains(&point[2]) {
+            return false;
+        }
         let cell = &self.surfaces.cells[cell];
         let [first, end] = cell.surfaces;
         let own = &self.surfaces.list[first as usize..end as usize];
@@ -193,4 +232,8 @@ impl CloudGround {
 /// As [`column`] biases.
 fn biased(cell: i32) -> u32 {
     cell as u32 ^ 0x8000_0000
+}
+
+fn unbiased(column: u32) -> i32 {
+    (column ^ 0x8000_0000) as i32
 }

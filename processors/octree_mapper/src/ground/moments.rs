@@ -84,7 +84,7 @@ impl Plane {
 
     /// Tangent of the angle against the horizontal.
     pub(super) fn tilt(&self) -> f64 {
-        self.slope[0].hypot(self.slope[1])
+        (self.slope[0] * self.slope[0] + self.slope[1] * self.slope[1]).sqrt()
     }
 }
 

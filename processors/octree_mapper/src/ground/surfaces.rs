@@ -20,7 +20,7 @@ pub(super) struct Entry {
 /// A cell of the xy plane with at least one point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cell {
-    key: u64,
+    pub(super) key: u64,
     /// Its points, as a range of the entries.
     pub(super) entries: [u32; 2],
     /// Its surfaces from the lowest up, as a range of the surfaces.
@@ -83,8 +83,9 @@ impl Surfaces {
             surface.mean = surface.moments.mean();
         }
         self.connect();
+        let slope = config.max_tilt_deg.to_radians().tan();
         for i in 0..self.list.len() {
-            self.list[i].plane = self.local_plane(config, i);
+            self.list[i].plane = self.local_plane(config, slope, i);
         }
     }
 
@@ -182,17 +183,17 @@ impl Surfaces {
         }
     }
 
-    /// Plane through a surface and those beside it at about its height; `None` unless it is supported and horizontal.
-    fn local_plane(&self, config: &GroundConfig, i: usize) -> Option<Plane> {
+    /// Plane through a surface and those beside it at about its height; `None` unless it is supported and tilted by `slope`
+    /// at most.
+    fn local_plane(&self, config: &GroundConfig, slope: f64, i: usize) -> Option<Plane> {
         let surface = &self.list[i];
         if surface.foot {
             return None;
         }
-        let slope = config.max_tilt_deg.to_radians().tan();
         let mut moments = surface.moments;
         for other in self.around(surface.cell).filter(|other| !other.foot) {
             let [x, y, z] = std::array::from_fn(|k| (other.mean[k] - surface.mean[k]).abs());
-            if z <= slope * x.hypot(y) + config.step_m {
+            if z <= slope * (x * x + y * y).sqrt() + config.step_m {
                 moments.merge(&other.moments, 1.0);
             }
         }
@@ -213,7 +214,7 @@ pub(super) fn key(x: u32, y: u32) -> u64 {
     u64::from(y) << 32 | u64::from(x)
 }
 
-fn columns(key: u64) -> (u32, u32) {
+pub(super) fn columns(key: u64) -> (u32, u32) {
     (key as u32, (key >> 32) as u32)
 }
 

@@ -9,7 +9,6 @@ use evac_stage::{Counters, PoseOutput, Readiness, Rig, ScanWithImu, Stage, Stage
 use super::config::LioConfig;
 use super::correction::Report;
 use super::filter::Filter;
-use super::follow::Following;
 use super::imu::ImuTrack;
 use super::initialisation::{Initialiser, Start};
 use super::matching::{Match, Selected};
@@ -19,6 +18,7 @@ use super::plane_map::PlaneMap;
 use super::propagation::TracePoint;
 use super::report::waiting_frame;
 use super::sections::Sections;
+use crate::follow::{self, Following};
 
 /// Most points that go to the match and most that a frame is taken to have: 1000 in the match are enough.
 pub(crate) const MAX_SELECTED: usize = 4096;
@@ -135,7 +135,8 @@ impl Stage for Lio {
         output: &mut PoseOutput,
         counters: &mut Counters,
     ) -> Result<(), StageError> {
-        let pose = self.pose_of(&input, counters);
+        let imu_from_lidar = self.imu_from_lidar;
+        let pose = follow::lead(self, &input, counters, &imu_from_lidar);
         self.diagnostics.map_cells = self.map.len() as u64;
         self.diagnostics.evicted_cells = self.map.evicted;
         self.diagnostics.imu_rejected = self.track.rejected;
@@ -149,7 +150,7 @@ impl Stage for Lio {
         input: ScanWithImu<'_>,
         routed: Option<&PoseFrame>,
     ) -> Result<Readiness, StageError> {
-        Ok(self.follow_pose(&input, routed))
+        Ok(follow::follow(self, &input, routed))
     }
 }
 

@@ -38,6 +38,7 @@ impl Lio {
         let before = (filter.state, filter.covariance);
         let is_led = self.predict(&mut filter, input);
         let predicted = (filter.state, filter.covariance);
+        self.following.predict((!is_led).then(|| filter.state.map_from_imu()));
         let mut middle = self.middle(&filter, input);
         if filter.settling.is_some() {
             // Scans that are smeared by an unknown velocity say nothing about the clocks.

@@ -10,7 +10,6 @@ use super::centroid_map::CentroidMap;
 use super::config::LoamConfig;
 use super::features::Features;
 use super::filter::Filter;
-use super::follow::Following;
 use super::monitor::Monitor;
 use super::motion::{Motion, Span};
 use super::observability::Degeneracy;
@@ -18,6 +17,7 @@ use super::registration::Registration;
 use super::report::{Drift, Quality, pose_frame, waiting_frame};
 use super::settling::Settling;
 use super::start::Start;
+use crate::follow::{self, Following};
 
 /// A step of the stamps beyond this, forward or back, is a new clock, seconds.
 const MAX_GAP_S: f64 = 10.0;
@@ -116,7 +116,8 @@ impl Stage for Loam {
         output: &mut PoseOutput,
         counters: &mut Counters,
     ) -> Result<(), StageError> {
-        let pose = self.pose_of(&input, counters);
+        let imu_from_lidar = self.imu_from_lidar;
+        let pose = follow::lead(self, &input, counters, &imu_from_lidar);
         self.diagnostics.surface_voxels = self.surface_map.len() as u64;
         self.diagnostics.edge_voxels = self.edge_map.len() as u64;
         self.diagnostics.evicted_voxels = self.surface_map.evicted + self.edge_map.evicted;
@@ -128,7 +129,7 @@ impl Stage for Loam {
         input: ScanWithImu<'_>,
         routed: Option<&PoseFrame>,
     ) -> Result<Readiness, StageError> {
-        Ok(self.follow_pose(&input, routed))
+        Ok(follow::follow(self, &input, routed))
     }
 }
 

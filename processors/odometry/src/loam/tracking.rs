@@ -45,6 +45,7 @@ impl Loam {
         let before = filter;
         let inertial = self.motion.predict(&mut filter, span, &self.detector, &self.config);
         self.diagnostics.inertial_frames += u64::from(inertial);
+        self.following.predict(inertial.then(|| filter.map_from_imu()));
         let sweep = sweep(input, &before);
         let mut report = self.registration.align(
             (&self.surface_map, &self.edge_map),

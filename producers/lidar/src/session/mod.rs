@@ -1,10 +1,14 @@
 //! The conversation with a device, without sockets and clocks: datagrams and times in, datagrams and changes out.
 
 mod outbox;
+#[cfg(test)]
+mod recovery;
 mod sdk1;
 mod sdk2;
 
 use std::net::{Ipv4Addr, SocketAddrV4};
+
+use evac_frames::{NO_DEVICE_STATE, NO_TEMPERATURE};
 
 pub(crate) use outbox::{Channel, Outbox};
 
@@ -18,6 +22,14 @@ pub(crate) const SECOND: i64 = 1_000_000_000;
 pub(crate) const LOST_NS: i64 = 3 * SECOND;
 /// A device that answers and should send, but sends nothing for this long, is told again.
 pub(crate) const SILENT_NS: i64 = 2 * SECOND;
+
+/// That a device has gone is known within this time: the longest pause between two looks comes on top of [`LOST_NS`].
+#[cfg(test)]
+const NOTICED_NS: i64 = LOST_NS + SECOND;
+/// A device that is there, ready and free measures for us within this time: a retry, and a heartbeat or question. docs/devices.md
+/// states both.
+#[cfg(test)]
+const RECOVERED_NS: i64 = 2 * SECOND;
 
 /// Where this computer is reached.
 #[derive(Debug, Clone, Copy)]
@@ -74,6 +86,23 @@ pub(crate) struct View {
     pub(crate) complaint: Option<&'static str>,
     /// The last command that the device has refused, and its code.
     pub(crate) refused: Option<(&'static str, u8)>,
+    /// What it says of itself.
+    pub(crate) said: Said,
+}
+
+/// What a device says of itself, as it stands on the wire; see [`evac_frames::DeviceHealth`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Said {
+    pub(crate) state: u32,
+    pub(crate) status: u32,
+    pub(crate) temperature_centi: i32,
+    pub(crate) codes: [u32; 8],
+}
+
+impl Said {
+    fn nothing() -> Self {
+        Self { state: NO_DEVICE_STATE, status: 0, temperature_centi: NO_TEMPERATURE, codes: [0; 8] }
+    }
 }
 
 impl View {
@@ -85,7 +114,14 @@ impl View {
             lost: None,
             complaint: None,
             refused: None,
+            said: Said::nothing(),
         }
+    }
+
+    /// The session has ended; whoever was it, nobody is there now.
+    fn lose(&mut self, why: Option<Lost>) {
+        *self =
+            Self { sessions: self.sessions, lost: why.or(self.lost), refused: self.refused, ..Self::new() };
     }
 }
 

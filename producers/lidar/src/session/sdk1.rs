@@ -38,6 +38,8 @@ pub(crate) struct Sdk1 {
     wanted: Option<Ipv4Addr>,
     serial: Option<String>,
     return_mode: Option<livox_sdk1::ReturnMode>,
+    /// Whether samples of the device's own IMU are wanted.
+    imu: bool,
     peer: Option<SocketAddrV4>,
     sequence: u16,
     /// The command under way: when it was sent, how often, and its number.
@@ -61,6 +63,7 @@ impl Sdk1 {
                 ReturnMode::Dual => livox_sdk1::ReturnMode::Dual,
                 ReturnMode::Triple => livox_sdk1::ReturnMode::Triple,
             }),
+            imu: config.publish_imu,
             peer: None,
             sequence: 0,
             sent: None,
@@ -127,7 +130,7 @@ impl Sdk1 {
             Phase::Searching => {}
             // Sent before our handshake came in.
             Phase::Connecting => return true,
-            _ => self.lose(Lost::Ended),
+            _ => self.lose(Some(Lost::Ended)),
         }
         tracing::info!(code = broadcast.code_text(), kind = broadcast.device_type, address = %from.ip(), "found a LiDAR");
         self.peer = Some(SocketAddrV4::new(*from.ip(), from.port()));
@@ -144,6 +147,7 @@ impl Sdk1 {
     }
 
     fn state(&mut self, state: Result<WorkState, u8>, progress_or_status: u32) {
+        self.view.said.state = state.map_or_else(u32::from, |state| state as u32);
         if state != Ok(WorkState::Initialising) {
             self.status(Status(progress_or_status));
         }
@@ -170,6 +174,7 @@ impl Sdk1 {
     }
 
     fn status(&mut self, status: Status) {
+        self.view.said.status = status.0;
         self.view.complaint = status.complaints().next();
     }
 
@@ -194,7 +199,7 @@ impl Sdk1 {
                 Step::ReturnMode => {
                     Request::SetReturnMode(self.return_mode.unwrap_or(livox_sdk1::ReturnMode::First))
                 }
-                Step::Imu => Request::SetImu(true),
+                Step::Imu => Request::SetImu(self.imu),
                 Step::Start => Request::Sampling(true),
             }),
         }
@@ -237,6 +242,7 @@ impl Sdk1 {
                 Step::DeviceInfo | Step::Extrinsic => "a question",
                 Step::Cartesian => "Cartesian points",
                 Step::ReturnMode => "the return mode",
+                Step::Imu if self.imu => "IMU samples",
                 // A Mid-40 has no IMU: nothing to complain of.
                 Step::Imu => "",
                 Step::Start => "to start",
@@ -277,7 +283,7 @@ impl Sdk1 {
                 let (sent_ns, attempts, _) = self.sent.unwrap_or((0, 0, 0));
                 if now_ns - sent_ns >= SECOND {
                     if attempts >= 3 && self.wanted.is_none() {
-                        self.search_again();
+                        self.lose(None);
                         return now_ns + SECOND;
                     }
                     self.send_pending(now_ns, out);
@@ -287,7 +293,7 @@ impl Sdk1 {
             _ => {}
         }
         if now_ns - self.heard_ns > LOST_NS && self.view.phase != Phase::Connecting {
-            self.lose(Lost::NoAnswer);
+            self.lose(Some(Lost::NoAnswer));
             return now_ns;
         }
         if now_ns - self.heartbeat_ns >= HEARTBEAT_NS && self.view.phase != Phase::Connecting {
@@ -322,13 +328,9 @@ impl Sdk1 {
         }
     }
 
-    fn lose(&mut self, why: Lost) {
-        self.view.lost = Some(why);
-        self.search_again();
-    }
-
-    fn search_again(&mut self) {
-        (self.view.phase, self.view.device, self.view.complaint) = (Phase::Searching, None, None);
+    /// Searches again, after a session that has ended or because nobody gives one.
+    fn lose(&mut self, why: Option<Lost>) {
+        self.view.lose(why);
         (self.peer, self.sent) = (None, None);
     }
 

@@ -3,8 +3,8 @@
 use std::net::{Ipv4Addr, SocketAddrV4};
 
 use evac_formats::livox_sdk2::{
-    DataType, Frame, FrameKind, HostAddress, Parameters, ParametersWriter, SearchReply, Sender, WorkState,
-    WriteReply, command, key, ports, return_code,
+    DataType, Diagnostics, Frame, FrameKind, HostAddress, Parameters, ParametersWriter, SearchReply, Sender,
+    WorkState, WriteReply, command, key, ports, return_code,
 };
 
 use super::{Channel, Host, LOST_NS, Lost, Outbox, Phase, SECOND, SILENT_NS, View};
@@ -29,6 +29,8 @@ pub(crate) struct Sdk2 {
     host: Host,
     wanted: Option<Ipv4Addr>,
     serial: Option<String>,
+    /// Whether samples of the device's own IMU are wanted.
+    imu: bool,
     /// Where commands go.
     peer: Option<SocketAddrV4>,
     device_type: u8,
@@ -49,6 +51,7 @@ impl Sdk2 {
             host,
             wanted: config.device,
             serial: config.serial.clone(),
+            imu: config.publish_imu,
             peer: None,
             device_type: 0,
             sequence: 0,
@@ -134,19 +137,33 @@ impl Sdk2 {
     fn told(&mut self, now_ns: i64, list: &Parameters<'_>) {
         self.heard_ns = now_ns;
         let byte = |key| list.get(key).and_then(|parameter| parameter.byte());
+        let said = &mut self.view.said;
         let diagnostics = list.get(key::DIAGNOSTICS).and_then(|parameter| parameter.value.try_into().ok());
         if let Some(diagnostics) = diagnostics.map(u16::from_le_bytes) {
-            self.view.complaint = complaint(diagnostics);
+            said.status = u32::from(diagnostics);
+            self.view.complaint = Diagnostics(diagnostics).complaint();
         }
-        let Some(state) = byte(key::WORK_STATE).and_then(WorkState::from_wire) else { return };
+        let temperature =
+            list.get(key::CORE_TEMPERATURE).and_then(|parameter| parameter.value.try_into().ok());
+        said.temperature_centi = temperature.map_or(said.temperature_centi, i32::from_le_bytes);
+        if let Some(codes) = list.get(key::HEALTH_CODES) {
+            for (code, bytes) in said.codes.iter_mut().zip(codes.value.as_chunks::<4>().0) {
+                *code = u32::from_le_bytes(*bytes);
+            }
+        }
+        let Some(state) = byte(key::WORK_STATE) else { return };
+        said.state = u32::from(state);
+        let Some(state) = WorkState::from_wire(state) else { return };
         if state == WorkState::Error {
             self.view.complaint =
                 Some("the device reports an error: look at its window and cable, then switch it off and on");
         }
         match (self.view.phase, state) {
             (Phase::Starting, WorkState::Sampling) => self.sampling(now_ns),
-            (Phase::Sampling, WorkState::SelfCheck | WorkState::MotorStart) => self.lose(Lost::Ended),
-            (Phase::Sampling, WorkState::Idle | WorkState::Ready | WorkState::Sleep) => self.configure(),
+            // It was switched off and on between two questions, or another host has told it something else.
+            (Phase::Sampling, state) if state != WorkState::Sampling && state != WorkState::Error => {
+                self.lose(Lost::Ended);
+            }
             _ => {}
         }
     }
@@ -171,6 +188,10 @@ impl Sdk2 {
                 Step::Imu
             }
             (Step::Cartesian, false) => Step::Imu,
+            (Step::Imu, true) if self.imu => {
+                self.refused("IMU samples", reply.return_code, now_ns);
+                Step::Start
+            }
             // Not each device has an IMU.
             (Step::Imu, _) => Step::Start,
             (Step::Start, true) => {
@@ -227,6 +248,9 @@ impl Sdk2 {
             self.question_ns = now_ns;
             ParametersWriter::query(&[key::WORK_STATE, key::DIAGNOSTICS], &mut out.payload);
             self.send(command::READ_PARAMETERS, Channel::Command, peer, out);
+            // Apart: a device that does not know one key refuses them all.
+            ParametersWriter::query(&[key::CORE_TEMPERATURE, key::HEALTH_CODES], &mut out.payload);
+            self.send(command::READ_PARAMETERS, Channel::Command, peer, out);
         }
         let answer_ns = self.sent.map_or(i64::MAX, |(sent_ns, _)| sent_ns + SECOND);
         answer_ns.min(self.question_ns + SECOND)
@@ -250,7 +274,7 @@ impl Sdk2 {
                 list.put(key::IMU_HOST, &to(self.host.data_port, imu));
             }
             Step::Cartesian => list.put(key::POINT_DATA_TYPE, &[DataType::Cartesian32 as u8]),
-            Step::Imu => list.put(key::IMU_ENABLED, &[1]),
+            Step::Imu => list.put(key::IMU_ENABLED, &[u8::from(self.imu)]),
             Step::Start => list.put(key::WORK_TARGET, &[WorkState::Sampling as u8]),
         }
         let number = self.send(command::WRITE_PARAMETERS, Channel::Command, peer, out);
@@ -265,8 +289,7 @@ impl Sdk2 {
     }
 
     fn lose(&mut self, why: Lost) {
-        self.view.lost = Some(why);
-        (self.view.phase, self.view.device, self.view.complaint) = (Phase::Searching, None, None);
+        self.view.lose(Some(why));
         (self.peer, self.sent) = (None, None);
         self.search_ns = i64::MIN / 2;
     }
@@ -285,22 +308,5 @@ impl Sdk2 {
         frame.encode(&mut out.frame);
         out.push(channel, to);
         self.sequence
-    }
-}
-
-/// The worst of four fields: 1 warning, 2 error, 3 safety error.
-fn complaint(diagnostics: u16) -> Option<&'static str> {
-    let level = |field: u32| diagnostics >> (4 * field) & 0xf;
-    let names = [
-        ["system warning", "system error"],
-        ["scanner warning", "scanner error"],
-        ["ranging warning", "ranging error"],
-        ["communication warning", "communication error"],
-    ];
-    let worst = (0..4).max_by_key(|field| level(*field))?;
-    match level(worst) {
-        0 => None,
-        1 => Some(names[worst as usize][0]),
-        _ => Some(names[worst as usize][1]),
     }
 }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use evac_frames::{Point, ScanHeader};
 use evac_lidar::{Config, Lidar, Protocol};
 use evac_simulator::devices::livox::{LivoxConfig, LivoxDevice, LivoxProtocol, Wall};
-use evac_stage::{Device as _, RawScanOutput, Reporter, Rig};
+use evac_stage::{Device as _, LidarOutput, Reporter, Rig};
 
 /// A test that hangs is ended after this; nothing is asserted about how fast anything is.
 const WATCHDOG: Duration = Duration::from_secs(60);
@@ -24,7 +24,7 @@ pub(crate) fn addresses() -> [Ipv4Addr; 2] {
 /// A driver that runs in the test's own thread.
 pub(crate) struct Host {
     pub(crate) lidar: Lidar,
-    pub(crate) output: RawScanOutput,
+    pub(crate) output: LidarOutput,
     pub(crate) reporter: Reporter,
     pub(crate) config: Config,
 }
@@ -33,7 +33,7 @@ impl Host {
     pub(crate) fn new(config: Config) -> Self {
         Self {
             lidar: Lidar::new(config.clone(), &Rig::default()).unwrap(),
-            output: RawScanOutput::default(),
+            output: LidarOutput::default(),
             reporter: Reporter::detached(),
             config,
         }
@@ -60,9 +60,9 @@ impl Host {
     /// Waits for so many more scans, and gives them.
     #[track_caller]
     pub(crate) fn scans(&mut self, count: usize) -> Vec<(ScanHeader, Vec<Point>)> {
-        let before = self.output.memory.len();
-        self.until("scans", |host| (host.output.memory.len() >= before + count).then_some(()));
-        self.output.memory[before..].to_vec()
+        let before = self.output.scans.memory.len();
+        self.until("scans", |host| (host.output.scans.memory.len() >= before + count).then_some(()));
+        self.output.scans.memory[before..].to_vec()
     }
 
     /// Waits until health says all these words.

@@ -6,22 +6,27 @@ use evac_formats::FormatError;
 use evac_formats::bag::{Bag, Messages};
 use evac_formats::ros::Imu;
 use evac_frames::ImuSample;
+use evac_geometry::{GyroScale, GyroScaleCheck};
 use evac_stage::{Counters, StageError};
 
 use super::bad_message;
 use super::topics::Topic;
 use crate::source::file;
 use crate::streams::{ImuStream, imu_sample};
-use crate::{Config, ImuUnit};
+use crate::{Config, GyroUnit, ImuUnit};
 
 /// Samples by which the unit is told: two seconds at 200 Hz.
 const UNIT_SAMPLES: usize = 400;
+/// Samples by which the gyroscope's scale is told: a minute at 200 Hz.
+const SCALE_SAMPLES: usize = 12_000;
 
 /// IMU messages in the order of the bag; one whose stamp does not rise is left out.
 pub(super) struct BagImu {
     samples: Samples,
     /// m/s^2 of one unit of the messages.
     unit: f64,
+    /// rad/s of one unit of the messages.
+    gyro_unit: f64,
     offset_ns: i64,
     first_ns: i64,
     last_ns: Option<i64>,
@@ -72,9 +77,24 @@ impl BagImu {
                 unit
             }
         };
+        let gyro_unit = match config.gyro_unit {
+            GyroUnit::RadiansPerSecond => 1.0,
+            GyroUnit::DegreesPerSecond => 1_f64.to_radians(),
+            GyroUnit::Auto => gyro_unit_of(open(), config.one_g_m_s2 / unit)?,
+        };
         let (offset_ns, samples) = (config.imu_offset_ns(), open());
         let first_ns = first.unwrap_or_default().saturating_add(offset_ns);
-        Ok(Self { samples, unit, offset_ns, first_ns, last_ns: None, late: 0, rejected: 0, told: false })
+        Ok(Self {
+            samples,
+            unit,
+            gyro_unit,
+            offset_ns,
+            first_ns,
+            last_ns: None,
+            late: 0,
+            rejected: 0,
+            told: false,
+        })
     }
 
     pub(super) fn first_ns(&self) -> i64 {
@@ -102,6 +122,7 @@ impl ImuStream for BagImu {
             }
             self.last_ns = Some(stamp_ns);
             let stamp_ns = stamp_ns.saturating_add(self.offset_ns);
+            let gyro = gyro.map(|value| value * self.gyro_unit);
             let sample = imu_sample(stamp_ns, gyro, accel.map(|value| value * self.unit));
             if sample.is_some() {
                 return Ok(sample);
@@ -130,6 +151,37 @@ impl Samples {
         let Imu { header, gyro, accel } = imu;
         Ok(Some(ImuSample { stamp_ns: header.stamp_ns, gyro, accel, ..ImuSample::default() }))
     }
+}
+
+/// rad/s of one unit of the messages, by how gravity turns, whose length is `one_g` in their unit. Other scales that are wrong are
+/// said and left as they are: which is right only the sensor's maker knows.
+fn gyro_unit_of(mut samples: Samples, one_g: f64) -> Result<f64, StageError> {
+    let mut check = GyroScaleCheck::new(one_g);
+    for _ in 0..SCALE_SAMPLES {
+        let Some(ImuSample { stamp_ns, gyro, accel, .. }) = samples.next().map_err(file)? else { break };
+        if gyro.iter().chain(&accel).all(|value| value.is_finite()) {
+            check.push(stamp_ns, gyro, accel);
+        }
+    }
+    let (path, topic) = (samples.path.display(), &samples.topic.name);
+    match check.verdict() {
+        GyroScale::Times(times) if times > 50.0 => {
+            tracing::warn!(
+                "{path}: gravity turns by a {times:.0}th of what {topic} says, so its rates are degrees/s; gyro_unit = \
+                 \"rad/s\" takes them as they are"
+            );
+            return Ok(1_f64.to_radians());
+        }
+        GyroScale::Times(times) => tracing::warn!(
+            "{path}: the rates on {topic} are {times:.2} times what gravity turns by; check the range that the driver of \
+             the IMU assumes"
+        ),
+        GyroScale::Unlike => tracing::warn!(
+            "{path}: gravity turns as no scale of the rates on {topic} says; check that both are in the same axes"
+        ),
+        GyroScale::Right | GyroScale::Unknown => {}
+    }
+    Ok(1.0)
 }
 
 fn median(values: &mut [f64]) -> f64 {

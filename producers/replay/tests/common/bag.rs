@@ -30,7 +30,28 @@ impl Bag {
     /// IMU messages at 200 Hz over `seconds`, at rest, where gravity has the length `gravity`.
     pub(crate) fn push_imu(&mut self, start_ns: i64, seconds: f64, gravity: f64) {
         for k in 0..=(seconds * 200.0) as i64 {
-            self.push("/imu", "sensor_msgs/Imu", imu(start_ns + k * 5_000_000, [0.0, 0.0, gravity]));
+            self.push(
+                "/imu",
+                "sensor_msgs/Imu",
+                imu(start_ns + k * 5_000_000, [0.0; 3], [0.0, 0.0, gravity]),
+            );
+        }
+    }
+
+    /// Eight seconds of IMU messages in g: quiet for a second, tilted by 40 degrees about x within the next, quiet, and back; the
+    /// rates in rad/s times `scale`.
+    pub(crate) fn push_tilting_imu(&mut self, start_ns: i64, scale: f64) {
+        let mut tilt = 0.0_f64;
+        for k in 0..1600 {
+            let speed = match (k / 200) % 4 {
+                1 => 0.7,
+                3 => -0.7,
+                _ => 0.0,
+            };
+            tilt += speed * 0.005;
+            let message =
+                imu(start_ns + k * 5_000_000, [speed * scale, 0.0, 0.0], [0.0, tilt.sin(), tilt.cos()]);
+            self.push("/imu", "sensor_msgs/Imu", message);
         }
     }
 
@@ -97,12 +118,12 @@ fn header(stamp_ns: i64) -> Vec<u8> {
     bytes
 }
 
-fn imu(stamp_ns: i64, accel: [f64; 3]) -> Vec<u8> {
+fn imu(stamp_ns: i64, gyro: [f64; 3], accel: [f64; 3]) -> Vec<u8> {
     let mut bytes = header(stamp_ns);
-    bytes.extend([0; (4 + 9 + 3 + 9) * 8]);
-    for value in accel {
-        bytes.extend(value.to_le_bytes());
-    }
+    bytes.extend([0; (4 + 9) * 8]);
+    gyro.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+    bytes.extend([0; 9 * 8]);
+    accel.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
     bytes.extend([0; 9 * 8]);
     bytes
 }

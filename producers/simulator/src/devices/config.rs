@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use evac_stage::StageConfig;
 use serde::{Deserialize, Serialize};
 
-use super::livox::{Faults, LivoxConfig};
+use super::Fault;
+use super::livox::LivoxConfig;
 use crate::Config;
 
 /// Configuration of the devices: the walk that they measure, and their connections.
@@ -14,10 +15,10 @@ use crate::Config;
 pub struct DevicesConfig {
     /// The walk; it begins when the LiDAR is first told to measure.
     pub walk: Config,
-    /// The LiDAR's address and protocol.
+    /// The LiDAR's address and protocol, and whether it has an IMU of its own: then no WT901C is plugged in.
     pub lidar: LivoxConfig,
-    /// What goes wrong with the LiDAR's packets.
-    pub lidar_faults: Faults,
+    /// What goes wrong, and when: `["lost=0.01", "cable@20+5"]`; see `evac demo --help`.
+    pub faults: Vec<Fault>,
     /// Path that names the WT901C's pseudo-terminal, as a serial port would be named.
     pub imu_port: PathBuf,
     /// How far the WT901C's clock is slow, parts per million.
@@ -29,7 +30,7 @@ impl Default for DevicesConfig {
         Self {
             walk: Config::default(),
             lidar: LivoxConfig::default(),
-            lidar_faults: Faults::default(),
+            faults: Vec::new(),
             imu_port: PathBuf::from("/tmp/evac-imu"),
             imu_clock_ppm: 30.0,
         }
@@ -40,7 +41,9 @@ impl StageConfig for DevicesConfig {
     fn check(&self) -> Result<(), String> {
         self.walk.check().map_err(|cause| format!("walk: {cause}"))?;
         self.lidar.check().map_err(|cause| format!("lidar: {cause}"))?;
-        self.lidar_faults.check().map_err(|cause| format!("lidar_faults: {cause}"))?;
+        if let Some(fault) = self.faults.iter().find(|fault| self.lidar.imu && fault.is_of_imu()) {
+            return Err(format!("faults: {fault}: with lidar.imu = true there is no WT901C; leave it out"));
+        }
         if self.walk.record.is_some() {
             return Err("walk.record: devices do not record; run the simulator itself with record".to_owned());
         }

@@ -2,21 +2,31 @@
 
 use std::io;
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use super::now_ns;
-use super::wt901c::{Line, Module, Port};
+use super::wt901c::{Faults, Line, Module, Port};
 use crate::walk::Walk;
 
 /// Before the walk its first second is measured again and again: the walker stands.
 const STANDING_NS: i64 = 1_000_000_000;
 
+/// What is wrong with the module and its line.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct ImuFaults {
+    pub(super) unplugged: bool,
+    pub(super) line: Faults,
+    /// Added to the module's clock, milliseconds.
+    pub(super) clock_step_ms: f64,
+}
+
 /// The module's thread, which ends when this is dropped.
 #[derive(Debug)]
 pub(super) struct ImuThread {
+    faults: Arc<Mutex<ImuFaults>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
@@ -32,12 +42,12 @@ impl ImuThread {
         // 9600 baud and 10 Hz: the driver has to find and set it.
         let module = Module::new(Line::Serial).configured(&[], ppm);
         let mut port = Port::open(link, module, 1)?;
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
+        let (stop, faults) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(ImuFaults::default())));
+        let (stopped, wrong) = (Arc::clone(&stop), Arc::clone(&faults));
         let run = move || {
             let mut measuring =
                 Measuring { standing: walk.clone(), walk: walk.clone(), fresh: walk, began: None };
-            let mut due_ns = now_ns();
+            let (mut due_ns, mut stepped_ms) = (now_ns(), 0.0);
             while !stopped.load(Ordering::Relaxed) {
                 let wait_ns = due_ns.saturating_sub(now_ns()).max(0);
                 std::thread::sleep(Duration::from_nanos(wait_ns.unsigned_abs()));
@@ -51,6 +61,10 @@ impl ImuThread {
                     continue;
                 }
                 let Some((accel, gyro)) = measuring.next() else { return };
+                let wrong = *wrong.lock().unwrap_or_else(PoisonError::into_inner);
+                if lay_over(&mut port, &wrong, &mut stepped_ms).is_err() {
+                    return;
+                }
                 if port.feed(due_ns, accel, gyro).is_err() {
                     return;
                 }
@@ -58,8 +72,28 @@ impl ImuThread {
             }
         };
         let thread = std::thread::Builder::new().name("wt901c".to_owned()).spawn(run)?;
-        Ok(Self { stop, thread: Some(thread) })
+        Ok(Self { faults, stop, thread: Some(thread) })
     }
+
+    /// Changes what is wrong, from the next sample on.
+    pub(super) fn set_faults(&self, faults: ImuFaults) {
+        *self.faults.lock().unwrap_or_else(PoisonError::into_inner) = faults;
+    }
+}
+
+/// Makes the port as wrong as it should be; `stepped_ms` is how far its clock was set so far.
+fn lay_over(port: &mut Port, wrong: &ImuFaults, stepped_ms: &mut f64) -> io::Result<()> {
+    port.faults = wrong.line;
+    if wrong.clock_step_ms != *stepped_ms {
+        port.module.step_clock(((wrong.clock_step_ms - *stepped_ms) * 1e6) as i64);
+        *stepped_ms = wrong.clock_step_ms;
+    }
+    match (wrong.unplugged, port.is_plugged_in()) {
+        (true, true) => port.unplug(),
+        (false, false) => port.plug_in()?,
+        _ => {}
+    }
+    Ok(())
 }
 
 impl Drop for ImuThread {

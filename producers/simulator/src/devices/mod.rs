@@ -1,12 +1,14 @@
 //! The simulated sensors as devices that real drivers talk to.
 
 mod config;
+mod fault;
 mod imu_thread;
 pub mod livox;
 mod source;
 pub mod wt901c;
 
 pub use config::DevicesConfig;
+pub use fault::{FAULTS_HELP, Fault};
 pub use source::DeviceSimulator;
 
 /// Host monotonic time, nanoseconds.

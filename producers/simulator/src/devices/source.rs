@@ -6,7 +6,9 @@ use std::time::Duration;
 use evac_frames::{FrameHeader, Point, PoseFrame};
 use evac_stage::{Device, Reporter, Rig, StageConfig as _, StageError, TruthOutput};
 
+use super::Fault;
 use super::config::DevicesConfig;
+use super::fault::Wrong;
 use super::imu_thread::ImuThread;
 use super::livox::{LivoxDevice, WalkFeed, WalkScene};
 use super::now_ns;
@@ -23,10 +25,12 @@ const NAP: Duration = Duration::from_millis(5);
 pub struct DeviceSimulator {
     walk: Walk,
     lidar: std::sync::Arc<LivoxDevice>,
-    _imu: ImuThread,
+    /// The WT901C, unless the LiDAR has an IMU of its own.
+    imu: Option<ImuThread>,
+    faults: Vec<Fault>,
     feed: WalkFeed,
     /// The scan that is put in as soon as there is room.
-    scan: Option<Vec<Point>>,
+    scan: Option<(u64, Vec<Point>)>,
     truth: VecDeque<PoseFrame>,
     next_seq: u64,
 }
@@ -38,25 +42,30 @@ impl Device for DeviceSimulator {
 
     fn new(config: DevicesConfig, rig: &Rig) -> Result<Self, StageError> {
         config.check().map_err(StageError::Config)?;
-        let walk = Walk::new(&config.walk, rig)?;
-        let (feed, scene) = WalkScene::new(AHEAD, walk.frames());
+        // Only a WT901C zeroes its gyroscope at rest.
+        let auto_zero = config.walk.auto_zero && !config.lidar.imu;
+        let walk = Walk::new(&crate::Config { auto_zero, ..config.walk }, rig)?;
+        let (feed, scene) = WalkScene::new(AHEAD, walk.clone());
         let lidar = LivoxDevice::start(config.lidar.clone(), Box::new(scene)).map_err(|cause| {
             StageError::File(format!(
                 "the simulated LiDAR: {cause}; end what uses that address, or set lidar.address"
             ))
         })?;
-        lidar.faults(|faults| *faults = config.lidar_faults);
         let lidar = std::sync::Arc::new(lidar);
         let clock = std::sync::Arc::clone(&lidar);
-        let imu = ImuThread::start(&config.imu_port, config.imu_clock_ppm, walk.clone(), move || clock.began_ns())
-            .map_err(|cause| {
-                let port = config.imu_port.display();
+        let plug_in = || {
+            let (port, ppm) = (&config.imu_port, config.imu_clock_ppm);
+            ImuThread::start(port, ppm, walk.clone(), move || clock.began_ns()).map_err(|cause| {
+                let port = port.display();
                 StageError::File(format!("the simulated WT901C at {port}: {cause}; set imu_port to a path in a folder that you may write to"))
-            })?;
+            })
+        };
+        let imu = (!config.lidar.imu).then(plug_in).transpose()?;
         Ok(Self {
             walk,
             lidar,
-            _imu: imu,
+            imu,
+            faults: config.faults,
             feed,
             scan: None,
             truth: VecDeque::with_capacity(2 * AHEAD),
@@ -74,9 +83,9 @@ impl Device for DeviceSimulator {
         self.publish(output, reporter)?;
         if self.scan.is_none() {
             let mut points = Vec::with_capacity(SHOTS_PER_FRAME);
-            if let Some((_, truth)) = self.walk.next_scan(&mut points) {
+            if let Some((header, truth)) = self.walk.next_scan(&mut points) {
                 self.truth.push_back(truth);
-                self.scan = Some(points);
+                self.scan = Some((header.frame.seq, points));
             }
         }
         match self.scan.take().map(|scan| self.feed.put(scan)) {
@@ -97,6 +106,8 @@ impl DeviceSimulator {
             return Ok(());
         };
         let now = now_ns();
+        let time_s = (now - began_ns) as f64 * 1e-9;
+        self.go_wrong(began_ns, time_s);
         while self.truth.front().is_some_and(|truth| began_ns + truth.frame.end_ns <= now) {
             let Some(mut truth) = self.truth.pop_front() else { break };
             truth.frame = FrameHeader {
@@ -116,8 +127,25 @@ impl DeviceSimulator {
             reporter.counters.degraded = late;
             reporter.note(&format!("{late} scans were not simulated in time: the machine is too busy"));
         } else {
-            reporter.note("");
+            let on: Vec<_> =
+                self.faults.iter().filter(|fault| fault.is_on(time_s)).map(Fault::to_string).collect();
+            reporter.note(&on.join(", "));
         }
         Ok(())
+    }
+
+    /// Makes everything as wrong as it should be by now.
+    fn go_wrong(&self, began_ns: i64, time_s: f64) {
+        if self.faults.is_empty() {
+            return;
+        }
+        let wrong = Wrong::at(&self.faults, time_s);
+        self.lidar.faults(|faults| *faults = wrong.lidar);
+        if let Some(until_s) = wrong.lidar_off_until_s {
+            self.lidar.power_off_until(began_ns + (until_s * 1e9) as i64);
+        }
+        if let Some(imu) = &self.imu {
+            imu.set_faults(wrong.imu);
+        }
     }
 }

@@ -2,21 +2,17 @@
 
 use std::fs::File;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use super::BagMessage;
 use super::chunk::{Chunk, Compression};
+use super::{BagMessage, FileIndex};
 use crate::FormatError;
 
-/// A file whose messages lie in chunks.
-pub(crate) trait Chunked {
-    fn path(&self) -> &Path;
-    fn chunks(&self) -> &[Chunk];
-    /// Takes the first record off the bytes of a chunk; `None` where they end inside it.
-    fn split(bytes: &[u8]) -> Option<Record>;
-}
+/// Takes the first record off the bytes of a chunk; `None` where they end inside it.
+pub(crate) type Split = fn(&[u8]) -> Option<Record>;
 
 /// A record of a chunk.
+#[derive(Debug)]
 pub(crate) struct Record {
     /// Bytes of the whole record.
     pub(crate) length: usize,
@@ -37,7 +33,7 @@ pub struct BagReader {
     wanted: Vec<u32>,
     /// Next chunk to be unpacked.
     next: usize,
-    split: fn(&[u8]) -> Option<Record>,
+    split: Split,
     data: Vec<u8>,
     /// Next record in `data`.
     at: usize,
@@ -56,13 +52,13 @@ impl BagReader {
     ///
     /// # Errors
     /// [`FormatError::Io`] if the file cannot be opened again.
-    pub(crate) fn new<I: Chunked>(index: &I, wanted: &[u32]) -> Result<Self, FormatError> {
-        let path = index.path().to_owned();
+    pub(crate) fn new(index: &FileIndex, wanted: &[u32]) -> Result<Self, FormatError> {
+        let path = index.path.clone();
         let file = File::open(&path).map_err(|cause| FormatError::reading(&path, cause))?;
         let holds = |chunk: &&Chunk| wanted.iter().any(|id| chunk.counts.contains_key(id));
-        let chunks = index.chunks().iter().filter(holds).cloned().collect();
+        let chunks = index.chunks.iter().filter(holds).cloned().collect();
         let wanted = wanted.to_vec();
-        Ok(Self { path, chunks, file, wanted, next: 0, split: I::split, data: Vec::new(), at: 0 })
+        Ok(Self { path, chunks, file, wanted, next: 0, split: index.split, data: Vec::new(), at: 0 })
     }
 
     /// The next message, `None` after the last.

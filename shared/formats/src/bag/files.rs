@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::db3::{Db3Index, Db3Reader};
-use super::{BagMessage, BagReader, Connection, Found};
+use super::{BagMessage, BagReader, Connection, FileIndex, Found};
 use crate::FormatError;
 use crate::mcap::McapIndex;
 use crate::rosbag::BagIndex;
@@ -34,8 +34,7 @@ struct Part {
 
 #[derive(Debug)]
 enum Index {
-    Ros1(BagIndex),
-    Mcap(McapIndex),
+    Chunked(FileIndex),
     Db3(Db3Index),
 }
 
@@ -92,41 +91,37 @@ impl Index {
             .and_then(|file| file.take(16).read_to_end(&mut magic))
             .map_err(|cause| FormatError::reading(path, cause))?;
         match magic.as_slice() {
-            [0x89, b'M', b'C', b'A', b'P', ..] => McapIndex::read(path, allow_truncated).map(Self::Mcap),
+            [0x89, b'M', b'C', b'A', b'P', ..] => McapIndex::read(path, allow_truncated).map(Self::Chunked),
             [b'S', b'Q', b'L', b'i', b't', b'e', ..] => Db3Index::read(path, allow_truncated).map(Self::Db3),
             // What else it may be is said by the reader of ROS 1 bags.
-            _ => BagIndex::read(path, allow_truncated).map(Self::Ros1),
+            _ => BagIndex::read(path, allow_truncated).map(Self::Chunked),
         }
     }
 
     fn path(&self) -> &Path {
         match self {
-            Self::Ros1(index) => index.path(),
-            Self::Mcap(index) => index.path(),
+            Self::Chunked(index) => index.path(),
             Self::Db3(index) => index.path(),
         }
     }
 
     fn connections(&self) -> &[Connection] {
         match self {
-            Self::Ros1(index) => index.connections(),
-            Self::Mcap(index) => index.connections(),
+            Self::Chunked(index) => index.connections(),
             Self::Db3(index) => index.connections(),
         }
     }
 
     fn truncated_at(&self) -> Option<u64> {
         match self {
-            Self::Ros1(index) => index.truncated_at(),
-            Self::Mcap(index) => index.truncated_at(),
+            Self::Chunked(index) => index.truncated_at(),
             Self::Db3(index) => index.truncated_at(),
         }
     }
 
     fn messages(&self, wanted: &[u32]) -> Result<FileReader, FormatError> {
         Ok(match self {
-            Self::Ros1(index) => FileReader::Chunked(index.messages(wanted)?),
-            Self::Mcap(index) => FileReader::Chunked(index.messages(wanted)?),
+            Self::Chunked(index) => FileReader::Chunked(index.messages(wanted)?),
             Self::Db3(index) => FileReader::Db3(index.messages(wanted)?),
         })
     }

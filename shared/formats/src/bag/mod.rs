@@ -3,10 +3,12 @@
 pub(crate) mod chunk;
 mod chunk_reader;
 mod db3;
+mod file_index;
 mod files;
 
 pub use chunk_reader::BagReader;
-pub(crate) use chunk_reader::{Chunked, Found, Record};
+pub(crate) use chunk_reader::{Found, Record};
+pub use file_index::FileIndex;
 pub use files::{Bag, Messages};
 
 use std::collections::BTreeMap;

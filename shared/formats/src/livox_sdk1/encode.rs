@@ -89,9 +89,9 @@ fn angles(point: &PointRecord, out: &mut Vec<u8>) {
     out.extend_from_slice(&(azimuth as u16).to_le_bytes());
 }
 
-/// Replaces `out` by a datagram of data type 6: rad/s and **g**, at `stamp_ns` since power-on.
-pub fn encode_imu(stamp_ns: u64, gyro: [f32; 3], accel_g: [f32; 3], out: &mut Vec<u8>) {
-    header(DataType::Imu, &DataFields::power_on(stamp_ns), 1, out);
+/// Replaces `out` by a datagram of data type 6: rad/s and **g**.
+pub fn encode_imu(fields: &DataFields, gyro: [f32; 3], accel_g: [f32; 3], out: &mut Vec<u8>) {
+    header(DataType::Imu, fields, 1, out);
     for value in gyro.into_iter().chain(accel_g) {
         out.extend_from_slice(&value.to_le_bytes());
     }

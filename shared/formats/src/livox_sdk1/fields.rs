@@ -165,6 +165,26 @@ impl Status {
         self.0 >> 30 >= 2
     }
 
+    /// Everything that it says, by name, in words.
+    pub fn flags(self) -> [(&'static str, &'static str); 11] {
+        let level = |shift: u32, words: [&'static str; 3]| words[(self.0 >> shift & 3).min(2) as usize];
+        let bit = |shift: u32, words: [&'static str; 2]| words[(self.0 >> shift & 1) as usize];
+        let sync = ["none", "ptp", "gps", "pps", "abnormal"].get((self.0 >> 14 & 7) as usize);
+        [
+            ("temperature", level(0, ["ok", "high or low", "extreme"])),
+            ("voltage", level(2, ["ok", "high", "extreme"])),
+            ("motor", level(4, ["ok", "warning", "error"])),
+            ("window", level(6, ["ok", "dirty or blocked", "dirty or blocked"])),
+            ("firmware", bit(8, ["ok", "abnormal"])),
+            ("pulse", bit(9, ["absent", "present"])),
+            ("end_of_life", bit(10, ["no", "near"])),
+            ("fan", bit(11, ["ok", "warning"])),
+            ("heating", bit(12, ["off", "on"])),
+            ("time_sync", sync.copied().unwrap_or("unknown")),
+            ("system", level(30, ["ok", "warning", "error"])),
+        ]
+    }
+
     /// What the device complains of, in words for people; nothing where all is well.
     pub fn complaints(self) -> impl Iterator<Item = &'static str> {
         let level = |shift: u32, names: [&'static str; 2]| match self.0 >> shift & 3 {

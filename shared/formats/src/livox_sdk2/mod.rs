@@ -5,6 +5,7 @@
 //! that was told where to send goes on sending.
 
 mod commands;
+mod diagnostics;
 mod encode;
 mod frame;
 mod header;
@@ -13,6 +14,7 @@ mod records;
 
 pub use crate::livox_sdk1::{ImuRecord, LivoxPoint, PointRecord};
 pub use commands::{HostAddress, SearchReply, WriteReply, command, ports, return_code};
+pub use diagnostics::Diagnostics;
 pub use encode::{DataFields, encode_imu, encode_points};
 pub use frame::{Frame, FrameError, FrameKind, MAX_FRAME_BYTES, Sender};
 pub use header::{DataHeader, DataType, DatagramError, TimeType};

@@ -3,15 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{BufReader, Read};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use super::record::{Fields, MESSAGE_HEADER, op, split_record};
+use super::record::{Fields, MAGIC, MESSAGE_HEADER, op, split_record};
 use crate::FormatError;
 use crate::bag::chunk::{Chunk, Compression};
-use crate::bag::{BagReader, Chunked, Connection, Record};
+use crate::bag::{Connection, FileIndex, Record};
 use crate::ros::Encoding;
 
-const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Bytes of a record before its body.
 const RECORD_HEADER: u64 = 9;
 /// Schemas are a few kilobytes; more is a broken length.
@@ -20,23 +19,19 @@ const MAX_SMALL_RECORD: u64 = 1 << 20;
 const MAX_CHUNK_HEADER: u64 = 128;
 /// Messages outside of chunks are read in pieces of this size.
 const MAX_LOOSE: u64 = 1 << 20;
-/// A robot has tens of topics; so many are a damaged or hostile file, and would take long to look up.
-const MAX_CHANNELS: usize = 4096;
+/// As many as there may be channels.
+const MAX_SCHEMAS: usize = 4096;
 
 const RECOVER: &str = "repair a copy with `mcap recover`, or use what is before with --allow-truncated";
 const DAMAGED: &str = "the file is damaged there: copy it again, or repair it with `mcap recover`";
 
-/// The channels and chunks of a file. Its memory grows with the number of chunks (a few hundred bytes each), not with
-/// their size.
-#[derive(Debug, Clone)]
+/// Reads the structure of MCAP files.
+#[derive(Debug)]
 pub struct McapIndex {
-    path: PathBuf,
-    chunks: Vec<Chunk>,
-    connections: Vec<Connection>,
+    file: FileIndex,
     schemas: BTreeMap<u16, String>,
     /// All channels, those included whose messages cannot be read here.
     channels: BTreeSet<u32>,
-    truncated_at: Option<u64>,
 }
 
 /// A position in the file.
@@ -53,15 +48,9 @@ impl McapIndex {
     ///
     /// # Errors
     /// [`FormatError`] naming the place of the first record that is not as it must be.
-    pub fn read(path: &Path, allow_truncated: bool) -> Result<Self, FormatError> {
-        let mut index = Self {
-            path: path.to_owned(),
-            chunks: Vec::new(),
-            connections: Vec::new(),
-            schemas: BTreeMap::new(),
-            channels: BTreeSet::new(),
-            truncated_at: None,
-        };
+    pub fn read(path: &Path, allow_truncated: bool) -> Result<FileIndex, FormatError> {
+        let file = FileIndex::new(path, split);
+        let mut index = Self { file, schemas: BTreeMap::new(), channels: BTreeSet::new() };
         let mut walk = index.open()?;
         let mut closed = false;
         while !closed && walk.offset < walk.length {
@@ -69,49 +58,25 @@ impl McapIndex {
             match index.record(&mut walk) {
                 Ok(end) => closed = end,
                 Err(_) if allow_truncated => {
-                    index.truncated_at = Some(record);
+                    index.file.truncated_at = Some(record);
                     break;
                 }
                 Err(failure) => return Err(failure),
             }
         }
-        if !closed && index.truncated_at.is_none() {
-            index.truncated_at = Some(walk.length);
+        if !closed && index.file.truncated_at.is_none() {
+            index.file.truncated_at = Some(walk.length);
             if !allow_truncated {
                 return Err(index.refused(walk.length, "the file was never closed: it has no footer"));
             }
         }
         index.look_into_chunks()?;
-        index.count_messages();
-        Ok(index)
-    }
-
-    /// All channels, by id.
-    pub fn connections(&self) -> &[Connection] {
-        &self.connections
-    }
-
-    /// Where the usable part ends, for a file that is cut off.
-    pub fn truncated_at(&self) -> Option<u64> {
-        self.truncated_at
-    }
-
-    /// Streams the messages of the connections `wanted`.
-    ///
-    /// # Errors
-    /// [`FormatError::Io`] if the file cannot be opened again.
-    pub fn messages(&self, wanted: &[u32]) -> Result<BagReader, FormatError> {
-        BagReader::new(self, wanted)
-    }
-
-    /// The file, as it was named.
-    pub fn path(&self) -> &Path {
-        &self.path
+        Ok(index.file.counted())
     }
 
     fn open(&self) -> Result<Walk, FormatError> {
-        let failed = |cause| FormatError::reading(&self.path, cause);
-        let file = File::open(&self.path).map_err(failed)?;
+        let failed = |cause| FormatError::reading(&self.file.path, cause);
+        let file = File::open(&self.file.path).map_err(failed)?;
         let length = file.metadata().map_err(failed)?.len();
         let mut walk = Walk { file: BufReader::new(file), length, offset: 0, body: Vec::new() };
         let mut magic = [0; 8];
@@ -121,7 +86,7 @@ impl McapIndex {
             return Ok(walk);
         }
         let cause = "this is no MCAP file: it does not begin with the magic bytes";
-        Err(FormatError::malformed(&self.path, 0, cause, "look at it with `mcap doctor`"))
+        Err(FormatError::malformed(&self.file.path, 0, cause, "look at it with `mcap doctor`"))
     }
 
     /// Takes in one record; whether it was the last one that is needed.
@@ -133,7 +98,7 @@ impl McapIndex {
             op::FOOTER => return Ok(true),
             op::CHUNK => self.chunk(walk, record, length)?,
             op::SCHEMA | op::CHANNEL => {
-                walk.read(&self.path, length, MAX_SMALL_RECORD)?;
+                walk.read(&self.file.path, length, MAX_SMALL_RECORD)?;
                 self.define(kind, &walk.body).map_err(|cause| self.damaged(record, cause))?;
             }
             op::MESSAGE => self.loose(walk, record, length)?,
@@ -142,7 +107,7 @@ impl McapIndex {
             op::DATA_END => {}
             _ => {}
         }
-        walk.seek(&self.path, body + length)?;
+        walk.seek(&self.file.path, body + length)?;
         Ok(false)
     }
 
@@ -156,7 +121,7 @@ impl McapIndex {
             return Err(ends(walk));
         }
         let mut header = [0; RECORD_HEADER as usize];
-        walk.file.read_exact(&mut header).map_err(|cause| FormatError::reading(&self.path, cause))?;
+        walk.file.read_exact(&mut header).map_err(|cause| FormatError::reading(&self.file.path, cause))?;
         walk.offset += RECORD_HEADER;
         let [kind, length @ ..] = header;
         let length = u64::from_le_bytes(length);
@@ -168,7 +133,7 @@ impl McapIndex {
 
     fn chunk(&mut self, walk: &mut Walk, record: u64, length: u64) -> Result<(), FormatError> {
         let body = walk.offset;
-        walk.read(&self.path, length, MAX_CHUNK_HEADER)?;
+        walk.read(&self.file.path, length, MAX_CHUNK_HEADER)?;
         let mut fields = Fields(&walk.body);
         let mut read = || {
             let (_start, _end) = (fields.u64()?, fields.u64()?);
@@ -184,9 +149,9 @@ impl McapIndex {
         let Some(known) = Compression::from_name(&compression) else {
             let cause = format!("unknown chunk compression \"{compression}\"");
             let remedy = "rewrite it with `mcap compress --compression lz4`";
-            return Err(FormatError::malformed(&self.path, record, cause, remedy));
+            return Err(FormatError::malformed(&self.file.path, record, cause, remedy));
         };
-        self.chunks.push(Chunk {
+        self.file.chunks.push(Chunk {
             record,
             data,
             stored,
@@ -201,7 +166,7 @@ impl McapIndex {
 
     /// A message outside of a chunk; those that follow each other are read together.
     fn loose(&mut self, walk: &mut Walk, record: u64, length: u64) -> Result<(), FormatError> {
-        walk.read(&self.path, length, MESSAGE_HEADER as u64)?;
+        walk.read(&self.file.path, length, MESSAGE_HEADER as u64)?;
         let Some(channel) = Fields(&walk.body).u16() else {
             return Err(self.damaged(record, "the message is shorter than its header"));
         };
@@ -211,13 +176,13 @@ impl McapIndex {
                 && chunk.data + chunk.stored == record
                 && chunk.stored + whole <= MAX_LOOSE
         };
-        if let Some(before) = self.chunks.last_mut().filter(goes_on) {
+        if let Some(before) = self.file.chunks.last_mut().filter(goes_on) {
             before.stored += whole;
             before.size = before.stored;
             *before.counts.entry(u32::from(channel)).or_default() += 1;
             return Ok(());
         }
-        self.chunks.push(Chunk {
+        self.file.chunks.push(Chunk {
             record,
             data: record,
             stored: whole,
@@ -232,11 +197,11 @@ impl McapIndex {
 
     /// How many messages of a channel the chunk before has.
     fn message_index(&mut self, walk: &mut Walk, length: u64) -> Result<(), FormatError> {
-        walk.read(&self.path, length, 6)?;
+        walk.read(&self.file.path, length, 6)?;
         let mut fields = Fields(&walk.body);
         let (Some(channel), Some(bytes)) = (fields.u16(), fields.u32()) else { return Ok(()) };
         let count = u64::from(bytes) / 16;
-        if let Some(chunk) = self.chunks.last_mut().filter(|_| count > 0) {
+        if let Some(chunk) = self.file.chunks.last_mut().filter(|_| count > 0) {
             chunk.counts.insert(u32::from(channel), count);
         }
         Ok(())
@@ -248,8 +213,8 @@ impl McapIndex {
         let id = fields.u16().ok_or("a record lacks its id")?;
         if kind == op::SCHEMA {
             let name = fields.text().ok_or("a schema lacks its name")?;
-            if self.schemas.len() == MAX_CHANNELS && !self.schemas.contains_key(&id) {
-                return Err(format!("there are more than {MAX_CHANNELS} schemas"));
+            if self.schemas.len() == MAX_SCHEMAS && !self.schemas.contains_key(&id) {
+                return Err(format!("there are more than {MAX_SCHEMAS} schemas"));
             }
             self.schemas.insert(id, name);
             return Ok(());
@@ -264,37 +229,31 @@ impl McapIndex {
             _ => return Ok(()), // nothing that can be read here
         };
         let id = u32::from(id);
-        if self.connections.iter().any(|connection| connection.id == id) {
-            return Ok(());
-        }
-        if self.connections.len() == MAX_CHANNELS {
-            return Err(format!("there are more than {MAX_CHANNELS} channels"));
-        }
         let type_name = self.schemas.get(&schema).cloned().unwrap_or_default();
-        self.connections.push(Connection { id, topic, type_name, encoding, metadata, messages: 0 });
-        Ok(())
+        self.file.add(Connection { id, topic, type_name, encoding, metadata, messages: 0 })
     }
 
     /// Finds channels and counts inside the chunks, where what should follow them is missing: always in the last chunk of a
     /// file that was cut.
     fn look_into_chunks(&mut self) -> Result<(), FormatError> {
         // Where chunks are indexed at all, one without an index holds no messages but schemas and channels.
-        let counted = self.chunks.iter().any(|chunk| !chunk.counts.is_empty());
-        let ids = self.chunks.iter().flat_map(|chunk| chunk.counts.keys());
-        let unknown = !self.chunks.is_empty() && !counted || { ids }.any(|id| !self.channels.contains(id));
-        if !unknown && self.truncated_at.is_none() {
+        let counted = self.file.chunks.iter().any(|chunk| !chunk.counts.is_empty());
+        let ids = self.file.chunks.iter().flat_map(|chunk| chunk.counts.keys());
+        let unknown =
+            !self.file.chunks.is_empty() && !counted || { ids }.any(|id| !self.channels.contains(id));
+        if !unknown && self.file.truncated_at.is_none() {
             return Ok(());
         }
-        let path = self.path.clone();
+        let path = self.file.path.clone();
         let mut file = File::open(&path).map_err(|cause| FormatError::reading(&path, cause))?;
-        let (mut data, mut chunks) = (Vec::new(), std::mem::take(&mut self.chunks));
+        let (mut data, mut chunks) = (Vec::new(), std::mem::take(&mut self.file.chunks));
         let mut usable = chunks.len();
         for (number, chunk) in chunks.iter_mut().enumerate() {
             match chunk.unpack(&mut file, &path, &mut data) {
                 Ok(()) => {}
                 // A power cut may leave a last chunk of the right length whose data never reached the disk.
-                Err(_) if self.truncated_at.is_some() => {
-                    (usable, self.truncated_at) = (number, Some(chunk.record));
+                Err(_) if self.file.truncated_at.is_some() => {
+                    (usable, self.file.truncated_at) = (number, Some(chunk.record));
                     break;
                 }
                 Err(failure) => return Err(failure),
@@ -317,26 +276,16 @@ impl McapIndex {
             }
         }
         chunks.truncate(usable);
-        self.chunks = chunks;
+        self.file.chunks = chunks;
         Ok(())
     }
 
-    fn count_messages(&mut self) {
-        self.connections.sort_by_key(|connection| connection.id);
-        for (id, count) in self.chunks.iter().flat_map(|chunk| &chunk.counts) {
-            let at = self.connections.binary_search_by_key(id, |connection| connection.id);
-            if let Some(connection) = at.ok().and_then(|at| self.connections.get_mut(at)) {
-                connection.messages += count;
-            }
-        }
-    }
-
     fn refused(&self, offset: u64, cause: impl Into<String>) -> FormatError {
-        FormatError::malformed(&self.path, offset, cause, RECOVER)
+        FormatError::malformed(&self.file.path, offset, cause, RECOVER)
     }
 
     fn damaged(&self, offset: u64, cause: impl Into<String>) -> FormatError {
-        FormatError::malformed(&self.path, offset, cause, DAMAGED)
+        FormatError::malformed(&self.file.path, offset, cause, DAMAGED)
     }
 }
 
@@ -357,25 +306,16 @@ impl Walk {
     }
 }
 
-impl Chunked for McapIndex {
-    fn path(&self) -> &Path {
-        &self.path
+/// The first record of a chunk's bytes.
+fn split(bytes: &[u8]) -> Option<Record> {
+    let (kind, body, after) = split_record(bytes)?;
+    let length = bytes.len() - after.len();
+    if kind != op::MESSAGE {
+        return Some(Record { length, message: None });
     }
-
-    fn chunks(&self) -> &[Chunk] {
-        &self.chunks
-    }
-
-    fn split(bytes: &[u8]) -> Option<Record> {
-        let (kind, body, after) = split_record(bytes)?;
-        let length = bytes.len() - after.len();
-        if kind != op::MESSAGE {
-            return Some(Record { length, message: None });
-        }
-        let mut fields = Fields(body);
-        let (channel, _sequence, time) = (fields.u16()?, fields.u32()?, fields.u64()?);
-        let time_ns = i64::try_from(time).unwrap_or(i64::MAX);
-        let data = length - body.len().checked_sub(MESSAGE_HEADER)?..length;
-        Some(Record { length, message: Some((u32::from(channel), time_ns, data)) })
-    }
+    let mut fields = Fields(body);
+    let (channel, _sequence, time) = (fields.u16()?, fields.u32()?, fields.u64()?);
+    let time_ns = i64::try_from(time).unwrap_or(i64::MAX);
+    let data = length - body.len().checked_sub(MESSAGE_HEADER)?..length;
+    Some(Record { length, message: Some((u32::from(channel), time_ns, data)) })
 }

@@ -3,5 +3,8 @@
 
 mod index;
 mod record;
+mod summary;
+mod writer;
 
 pub use index::McapIndex;
+pub use writer::{BARE_END, McapWriter, Packing};

@@ -4,15 +4,23 @@ use std::collections::BTreeMap;
 
 /// Kinds of records.
 pub(super) mod op {
+    pub(in crate::mcap) const HEADER: u8 = 0x01;
     pub(in crate::mcap) const FOOTER: u8 = 0x02;
     pub(in crate::mcap) const SCHEMA: u8 = 0x03;
     pub(in crate::mcap) const CHANNEL: u8 = 0x04;
     pub(in crate::mcap) const MESSAGE: u8 = 0x05;
     pub(in crate::mcap) const CHUNK: u8 = 0x06;
     pub(in crate::mcap) const MESSAGE_INDEX: u8 = 0x07;
+    pub(in crate::mcap) const CHUNK_INDEX: u8 = 0x08;
+    pub(in crate::mcap) const ATTACHMENT: u8 = 0x09;
+    pub(in crate::mcap) const ATTACHMENT_INDEX: u8 = 0x0a;
+    pub(in crate::mcap) const STATISTICS: u8 = 0x0b;
+    pub(in crate::mcap) const SUMMARY_OFFSET: u8 = 0x0e;
     pub(in crate::mcap) const DATA_END: u8 = 0x0f;
 }
 
+/// A file begins and ends with it.
+pub(super) const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 /// Bytes of a message record's body before the message.
 pub(super) const MESSAGE_HEADER: usize = 22;
 

@@ -6,6 +6,7 @@ mod binary;
 mod full;
 mod header;
 mod likelihood;
+mod message;
 mod reader;
 mod tree;
 
@@ -13,6 +14,7 @@ use std::fs;
 use std::path::Path;
 
 pub use likelihood::BinaryValues;
+pub use message::OctomapBody;
 pub use reader::{FileLeaf, Reader};
 pub use tree::{DEPTH, Node, OcTreeFile, TreeError};
 

@@ -129,6 +129,15 @@ pub const OCCUPANCY_GRID: Schema = Schema {
     ),
 };
 
+/// `octomap_msgs/msg/Octomap`
+pub const OCTOMAP: Schema = Schema {
+    name: "octomap_msgs/msg/Octomap",
+    text: concat!(
+        "std_msgs/Header header\nbool binary\nstring id\nfloat64 resolution\nint8[] data\n",
+        header!()
+    ),
+};
+
 /// `diagnostic_msgs/msg/DiagnosticArray`
 pub const DIAGNOSTIC_ARRAY: Schema = Schema {
     name: "diagnostic_msgs/msg/DiagnosticArray",

@@ -2,29 +2,22 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::record::{Fields, op, split_record};
 use super::walk::{Promised, REINDEX, Walk};
 use crate::FormatError;
 use crate::bag::chunk::{Chunk, Compression};
-use crate::bag::{BagReader, Chunked, Connection, Record};
+use crate::bag::{Connection, FileIndex, Record};
 use crate::ros::Encoding;
-
-/// A robot has tens of topics; so many are a damaged or hostile file, and would take long to look up.
-const MAX_CONNECTIONS: usize = 4096;
 
 /// What to do with a damaged chunk.
 const COPY: &str = "the bag is damaged there: copy it again, or cut it with `rosbag filter`";
 
-/// The connections and chunks of a bag. Its memory grows with the number of chunks (a few hundred bytes each), not
-/// with their size.
-#[derive(Debug, Clone)]
+/// Reads the structure of bags.
+#[derive(Debug)]
 pub struct BagIndex {
-    path: PathBuf,
-    chunks: Vec<Chunk>,
-    connections: Vec<Connection>,
-    truncated_at: Option<u64>,
+    file: FileIndex,
 }
 
 impl BagIndex {
@@ -33,41 +26,16 @@ impl BagIndex {
     ///
     /// # Errors
     /// [`FormatError`] naming the place of the first record that is not as it must be.
-    pub fn read(path: &Path, allow_truncated: bool) -> Result<Self, FormatError> {
+    pub fn read(path: &Path, allow_truncated: bool) -> Result<FileIndex, FormatError> {
         let mut walk = Walk::open(path)?;
-        let mut index =
-            Self { path: path.to_owned(), chunks: Vec::new(), connections: Vec::new(), truncated_at: None };
+        let mut index = Self { file: FileIndex::new(path, split) };
         let promised = walk.bag_header(allow_truncated)?;
         index.walk(&mut walk, allow_truncated)?;
         let whole = index.check_whole(&walk, promised, allow_truncated)?;
-        if !whole || index.chunks.iter().any(|chunk| chunk.counts.is_empty()) {
+        if !whole || index.file.chunks.iter().any(|chunk| chunk.counts.is_empty()) {
             index.look_into_chunks()?;
         }
-        index.count_messages();
-        Ok(index)
-    }
-
-    /// All connections, by id.
-    pub fn connections(&self) -> &[Connection] {
-        &self.connections
-    }
-
-    /// Where the usable part ends, for a bag that is cut off.
-    pub fn truncated_at(&self) -> Option<u64> {
-        self.truncated_at
-    }
-
-    /// Streams the messages of the connections `wanted`.
-    ///
-    /// # Errors
-    /// [`FormatError::Io`] if the file cannot be opened again.
-    pub fn messages(&self, wanted: &[u32]) -> Result<BagReader, FormatError> {
-        BagReader::new(self, wanted)
-    }
-
-    /// The file, as it was named.
-    pub fn path(&self) -> &Path {
-        &self.path
+        Ok(index.file.counted())
     }
 
     fn walk(&mut self, walk: &mut Walk<'_>, allow_truncated: bool) -> Result<(), FormatError> {
@@ -76,7 +44,7 @@ impl BagIndex {
             match self.record(walk) {
                 Ok(()) => {}
                 Err(_) if allow_truncated => {
-                    self.truncated_at = Some(record);
+                    self.file.truncated_at = Some(record);
                     break;
                 }
                 Err(failure) => return Err(failure),
@@ -93,8 +61,8 @@ impl BagIndex {
         allow_truncated: bool,
     ) -> Result<bool, FormatError> {
         let Some(Promised { chunks, connections }) = promised else { return Ok(false) };
-        let found = (self.chunks.len(), self.connections.len());
-        if self.truncated_at.is_none() && found.0 >= chunks as usize && found.1 >= connections as usize {
+        let found = (self.file.chunks.len(), self.file.connections.len());
+        if self.file.truncated_at.is_none() && found.0 >= chunks as usize && found.1 >= connections as usize {
             return Ok(true);
         }
         if !allow_truncated {
@@ -104,18 +72,8 @@ impl BagIndex {
             );
             return Err(walk.refused(walk.length, cause, REINDEX));
         }
-        self.truncated_at.get_or_insert(walk.length);
+        self.file.truncated_at.get_or_insert(walk.length);
         Ok(false)
-    }
-
-    fn count_messages(&mut self) {
-        self.connections.sort_by_key(|connection| connection.id);
-        for (id, count) in self.chunks.iter().flat_map(|chunk| &chunk.counts) {
-            let at = self.connections.binary_search_by_key(id, |connection| connection.id);
-            if let Some(connection) = at.ok().and_then(|at| self.connections.get_mut(at)) {
-                connection.messages += count;
-            }
-        }
     }
 
     fn record(&mut self, walk: &mut Walk<'_>) -> Result<(), FormatError> {
@@ -135,7 +93,7 @@ impl BagIndex {
                 let size = fields.u32("size").ok_or_else(|| missing("size"))?;
                 let (data, counts) = (walk.offset, BTreeMap::new());
                 let (stored, size) = (u64::from(data_length), u64::from(size));
-                self.chunks.push(Chunk {
+                self.file.chunks.push(Chunk {
                     record,
                     data,
                     stored,
@@ -149,7 +107,7 @@ impl BagIndex {
             op::INDEX => {
                 let id = fields.u32("conn").ok_or_else(|| missing("conn"))?;
                 let count = fields.u32("count").ok_or_else(|| missing("count"))?;
-                if let Some(chunk) = self.chunks.last_mut() {
+                if let Some(chunk) = self.file.chunks.last_mut() {
                     *chunk.counts.entry(id).or_default() += u64::from(count);
                 }
             }
@@ -174,22 +132,15 @@ impl BagIndex {
         let (Some(id), Some(topic), Some(type_name)) = (id, topic, data.text("type")) else {
             return Err("a connection lacks its id, topic or type".to_owned());
         };
-        if self.connections.iter().any(|connection| connection.id == id) {
-            return Ok(());
-        }
-        if self.connections.len() == MAX_CONNECTIONS {
-            return Err(format!("there are more than {MAX_CONNECTIONS} connections"));
-        }
         let (encoding, metadata) = (Encoding::Ros1, BTreeMap::new());
-        self.connections.push(Connection { id, topic, type_name, encoding, metadata, messages: 0 });
-        Ok(())
+        self.file.add(Connection { id, topic, type_name, encoding, metadata, messages: 0 })
     }
 
     /// Finds connections and counts inside the chunks, where the records after them are missing.
     fn look_into_chunks(&mut self) -> Result<(), FormatError> {
-        let path = self.path.clone();
+        let path = self.file.path.clone();
         let mut file = File::open(&path).map_err(|cause| FormatError::reading(&path, cause))?;
-        let (mut data, mut chunks) = (Vec::new(), std::mem::take(&mut self.chunks));
+        let (mut data, mut chunks) = (Vec::new(), std::mem::take(&mut self.file.chunks));
         for chunk in &mut chunks {
             chunk.unpack(&mut file, &path, &mut data)?;
             chunk.counts.clear();
@@ -207,29 +158,20 @@ impl BagIndex {
                 rest = after;
             }
         }
-        self.chunks = chunks;
+        self.file.chunks = chunks;
         Ok(())
     }
 }
 
-impl Chunked for BagIndex {
-    fn path(&self) -> &Path {
-        &self.path
-    }
-
-    fn chunks(&self) -> &[Chunk] {
-        &self.chunks
-    }
-
-    fn split(bytes: &[u8]) -> Option<Record> {
-        let (fields, body, after) = split_record(bytes)?;
-        let length = bytes.len() - after.len();
-        let message = match (fields.op(), fields.u32("conn"), fields.time_ns("time")) {
-            (Some(op::MESSAGE), Some(id), Some(time_ns)) => Some((id, time_ns, length - body.len()..length)),
-            // A message without its connection or time cannot be told from damage.
-            (Some(op::MESSAGE), ..) => return None,
-            _ => None,
-        };
-        Some(Record { length, message })
-    }
+/// The first record of a chunk's bytes.
+fn split(bytes: &[u8]) -> Option<Record> {
+    let (fields, body, after) = split_record(bytes)?;
+    let length = bytes.len() - after.len();
+    let message = match (fields.op(), fields.u32("conn"), fields.time_ns("time")) {
+        (Some(op::MESSAGE), Some(id), Some(time_ns)) => Some((id, time_ns, length - body.len()..length)),
+        // A message without its connection or time cannot be told from damage.
+        (Some(op::MESSAGE), ..) => return None,
+        _ => None,
+    };
+    Some(Record { length, message })
 }

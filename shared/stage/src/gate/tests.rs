@@ -145,6 +145,27 @@ proptest! {
     }
 
     #[test]
+    fn an_instance_that_dies_of_its_first_frames_gives_way_to_the_one_that_it_had_replaced(
+        before in 1u64..12, short in 0u64..6, after in 1u64..30, again in any::<bool>(), glances in glances(),
+    ) {
+        // The younger epoch is replaced by an older one, which repeats what the younger had put out.
+        let mut events: Vec<_> = (0..before).map(|seq| Event::Frame { seq, epoch: 0 }).collect();
+        events.push(route(1, 1, before, 0));
+        events.extend((before..before + short).map(|seq| Event::Frame { seq, epoch: 1 }));
+        events.push(route(2, 0, 0, route_flags::ALONE));
+        let mut end = before + short + after;
+        events.extend((before..end).map(|seq| Event::Frame { seq, epoch: 0 }));
+        if again {
+            events.push(route(3, 2, end, 0));
+            events.extend((end..end + 5).map(|seq| Event::Frame { seq, epoch: 2 }));
+            end += 5;
+        }
+        let (read, input) = read(&events, &glances);
+        prop_assert_eq!(read, (0..end).collect::<Vec<_>>());
+        prop_assert_eq!((input.lost, input.late), (0, 0));
+    }
+
+    #[test]
     fn what_a_full_buffer_lost_is_counted_and_nothing_waits_for_it(
         changes in changes(), rest in 3u64..12, glances in glances(), keep in proptest::collection::vec(0u8..5, 120),
     ) {

@@ -10,6 +10,7 @@ mod scan_pose;
 mod seq;
 mod sink;
 mod tap;
+mod tap_port;
 
 use evac_frames::{FrameHeader, Route};
 use evac_ports::{Bus, Listener, PortError};

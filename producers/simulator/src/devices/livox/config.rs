@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LivoxProtocol {
-    /// As a Mid-40: 100 shots a packet.
+    /// As a Mid-40: 100 shots a packet. With an IMU as an Avia, by its packets: 96 shots with tags. The shots stay a Mid-40's.
     Sdk1,
     /// As a Mid-360, by its packets: 96 shots each. The shots stay a Mid-40's.
     Sdk2,
@@ -43,6 +43,8 @@ pub struct LivoxConfig {
     pub serial: String,
     /// What its clock follows.
     pub time_source: TimeSource,
+    /// Has an IMU of its own: 200 samples a second when they are asked for.
+    pub imu: bool,
     /// Without heartbeats for so long a session ends, seconds (first protocol; assumed, the real device's is not published).
     pub session_s: f64,
     /// Time from power-on to readiness, seconds (a real Mid-40 takes some more).
@@ -57,6 +59,7 @@ impl Default for LivoxConfig {
             broadcast_to: Ipv4Addr::LOCALHOST,
             serial: "0TFDG3B006H2Z11".to_owned(),
             time_source: TimeSource::PowerOn,
+            imu: false,
             session_s: 5.0,
             boot_s: 1.0,
         }

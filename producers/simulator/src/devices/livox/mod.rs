@@ -10,6 +10,7 @@
 
 mod config;
 mod faults;
+mod mind;
 mod run;
 mod scene;
 mod sdk1;
@@ -18,5 +19,6 @@ mod sender;
 
 pub use config::{LivoxConfig, LivoxProtocol, TimeSource};
 pub use faults::Faults;
+pub use mind::LivoxMind;
 pub use run::{LivoxDevice, Sent};
 pub use scene::{Scene, WalkFeed, WalkScene, Wall};

@@ -1,7 +1,7 @@
 //! The device's own thread: its sockets, and the time.
 
 use std::io;
-use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -11,12 +11,11 @@ use evac_formats::livox_sdk2::ports;
 
 use super::config::{LivoxConfig, LivoxProtocol, TimeSource};
 use super::faults::{Faults, Faulty};
+use super::mind::LivoxMind;
 use super::scene::Scene;
-use super::sdk1::Sdk1;
-use super::sdk2::Sdk2;
 use super::sender::Sender;
-use crate::FRAME_NS;
 use crate::devices::now_ns;
+use crate::{FRAME_NS, SAMPLE_NS};
 
 /// Port of a device of the first protocol for commands.
 const SDK1_COMMAND: u16 = 65000;
@@ -41,6 +40,8 @@ pub struct Sent {
     pub packets: u64,
     /// Data packets that faults have swallowed.
     pub swallowed: u64,
+    /// Samples of its own IMU, and those that faults have swallowed.
+    pub samples: [u64; 2],
 }
 
 #[derive(Debug)]
@@ -54,6 +55,7 @@ struct Shared {
     began_ns: AtomicI64,
     packets: AtomicU64,
     swallowed: AtomicU64,
+    samples: [AtomicU64; 2],
 }
 
 impl LivoxDevice {
@@ -70,6 +72,7 @@ impl LivoxDevice {
             began_ns: AtomicI64::new(0),
             packets: AtomicU64::new(0),
             swallowed: AtomicU64::new(0),
+            samples: [const { AtomicU64::new(0) }; 2],
         });
         let sockets = Sockets::open(&config)?;
         let running = Running::new(&config, sockets, scene, Arc::clone(&shared));
@@ -84,7 +87,12 @@ impl LivoxDevice {
 
     /// Switches the power off, and on again after some time.
     pub fn power_cycle(&self, off: Duration) {
-        self.shared.off_until_ns.store(now_ns() + off.as_nanos() as i64, Ordering::Relaxed);
+        self.power_off_until(now_ns() + off.as_nanos() as i64);
+    }
+
+    /// Switches the power off until then, nanoseconds of the host's monotonic clock.
+    pub fn power_off_until(&self, until_ns: i64) {
+        self.shared.off_until_ns.store(until_ns, Ordering::Relaxed);
     }
 
     /// Lets the clock follow another source.
@@ -102,6 +110,7 @@ impl LivoxDevice {
         Sent {
             packets: self.shared.packets.load(Ordering::Relaxed),
             swallowed: self.shared.swallowed.load(Ordering::Relaxed),
+            samples: [0, 1].map(|i| self.shared.samples[i].load(Ordering::Relaxed)),
         }
     }
 }
@@ -120,46 +129,52 @@ struct Sockets {
     command: UdpSocket,
     /// Searches of the second protocol.
     search: Option<UdpSocket>,
+    /// Searches that are sent to all, which a socket bound to one address does not get.
+    broadcast: Option<UdpSocket>,
     points: UdpSocket,
+    /// IMU samples of the second protocol; the first sends them with the points.
+    samples: Option<UdpSocket>,
 }
 
 impl Sockets {
     fn open(config: &LivoxConfig) -> io::Result<Self> {
-        let open = |port| {
-            let address = SocketAddrV4::new(config.address, port);
+        let open_at = |address| {
             let socket = UdpSocket::bind(address)
                 .map_err(|cause| io::Error::new(cause.kind(), format!("UDP {address}: {cause}")))?;
             socket.set_nonblocking(true)?;
             socket.set_broadcast(true)?;
             Ok::<_, io::Error>(socket)
         };
+        let open = |port| open_at(SocketAddrV4::new(config.address, port));
+        let to_all = SocketAddrV4::new(Ipv4Addr::BROADCAST, ports::SEARCH);
         Ok(match config.protocol {
             LivoxProtocol::Sdk1 => {
-                Self { command: open(SDK1_COMMAND)?, search: None, points: open(SDK1_POINTS)? }
+                let (command, points) = (open(SDK1_COMMAND)?, open(SDK1_POINTS)?);
+                Self { command, search: None, broadcast: None, points, samples: None }
             }
             LivoxProtocol::Sdk2 => Self {
                 command: open(ports::COMMAND)?,
                 search: Some(open(ports::SEARCH)?),
+                broadcast: (!config.address.is_loopback()).then(|| open_at(to_all)).transpose()?,
                 points: open(ports::POINTS)?,
+                samples: Some(open(ports::IMU)?),
             },
         })
     }
 }
 
-enum Mind {
-    Sdk1(Sdk1),
-    Sdk2(Sdk2),
-}
-
 struct Running {
-    mind: Mind,
+    mind: LivoxMind,
     sockets: Sockets,
     sender: Sender,
     faulty: Faulty,
+    faulty_samples: Faulty,
     shared: Arc<Shared>,
     powered_ns: i64,
     /// While it measures: host time and number of the next shot.
     next: Option<(i64, u64)>,
+    /// Number of the next sample.
+    next_sample: u64,
     packet: Vec<u8>,
     /// The scene has ended.
     is_over: bool,
@@ -169,16 +184,15 @@ impl Running {
     fn new(config: &LivoxConfig, sockets: Sockets, scene: Box<dyn Scene>, shared: Arc<Shared>) -> Self {
         let now = now_ns();
         Self {
-            mind: match config.protocol {
-                LivoxProtocol::Sdk1 => Mind::Sdk1(Sdk1::new(config, now)),
-                LivoxProtocol::Sdk2 => Mind::Sdk2(Sdk2::new(config, now)),
-            },
+            mind: LivoxMind::new(config, now),
             sockets,
             sender: Sender::new(config, scene),
             faulty: Faulty::new(1),
+            faulty_samples: Faulty::new(2),
             shared,
             powered_ns: now,
             next: None,
+            next_sample: 0,
             packet: Vec::new(),
             is_over: false,
         }
@@ -207,54 +221,40 @@ impl Running {
     fn power_off(&mut self, until_ns: i64) {
         self.next = None;
         self.powered_ns = until_ns;
-        match &mut self.mind {
-            Mind::Sdk1(mind) => mind.power_cycle(until_ns),
-            Mind::Sdk2(mind) => mind.power_cycle(until_ns),
-        }
+        self.mind.power_cycle(until_ns);
         self.sockets.hear(|_, _, _| {});
     }
 
     fn converse(&mut self, now: i64, faults: &Faults) {
         let mind = &mut self.mind;
+        mind.set_status(faults.status);
+        self.sender.status = faults.status;
         self.sockets.hear(|socket, from, bytes| {
             if faults.cable_out || faults.deaf {
                 return;
             }
-            let answer = |to: SocketAddrV4, bytes: &[u8]| say(socket, to, bytes);
-            match mind {
-                Mind::Sdk1(mind) => mind.receive(now, from, bytes, answer),
-                Mind::Sdk2(mind) => mind.receive(now, from, bytes, answer),
-            }
+            mind.receive(now, from, bytes, |to, bytes| say(socket, to, bytes));
         });
         let command = &self.sockets.command;
-        let answer = |to: SocketAddrV4, bytes: &[u8]| {
+        mind.tick(now, |to, bytes| {
             if !faults.cable_out {
                 say(command, to, bytes);
             }
-        };
-        match mind {
-            Mind::Sdk1(mind) => mind.tick(now, answer),
-            Mind::Sdk2(mind) => mind.tick(now, answer),
-        }
+        });
     }
 
     /// Sends every packet whose last shot is over.
     fn measure(&mut self, now: i64, faults: &Faults) {
-        let target = match &self.mind {
-            Mind::Sdk1(mind) => mind.target(),
-            Mind::Sdk2(mind) => mind.target(now),
-        };
-        let Some(target) = target.filter(|_| !self.is_over) else {
+        let Some(target) = self.mind.target(now).filter(|_| !self.is_over) else {
             self.next = None;
             return;
         };
         let (mut next_ns, mut shot) = self.next.unwrap_or_else(|| self.begin(now));
         let (packet_ns, packet_shots) = (self.sender.packet_ns(), self.sender.packet_shots() as u64);
         while next_ns + packet_ns <= now {
+            self.samples(next_ns + packet_ns, now, faults);
             if now - next_ns < BACKLOG_NS {
-                let step_ns = (faults.clock_step_ms * 1e6) as i64;
-                let power_on_ns = (next_ns - self.powered_ns + step_ns).max(0);
-                let utc_ns = next_ns + utc_ahead_ns() + step_ns;
+                let (power_on_ns, utc_ns) = self.clocks(next_ns, faults);
                 if !self.sender.packet(shot, power_on_ns, utc_ns, &mut self.packet) {
                     self.is_over = true;
                     break;
@@ -271,7 +271,41 @@ impl Running {
             next_ns += packet_ns;
             shot += packet_shots;
         }
+        self.samples(now, now, faults);
         self.next = Some((next_ns, shot));
+    }
+
+    /// Sends every sample of the device's own IMU that is measured up to `until_ns`.
+    fn samples(&mut self, until_ns: i64, now: i64, faults: &Faults) {
+        let target = self.mind.imu_target(now);
+        let began = self.shared.began_ns.load(Ordering::Relaxed);
+        loop {
+            let due_ns = began + self.next_sample as i64 * SAMPLE_NS;
+            if due_ns > until_ns {
+                return;
+            }
+            let number = self.next_sample;
+            self.next_sample += 1;
+            let Some(target) = target.filter(|_| now - due_ns < BACKLOG_NS) else { continue };
+            let (power_on_ns, utc_ns) = self.clocks(due_ns, faults);
+            if !self.sender.sample(number, power_on_ns, utc_ns, &mut self.packet) {
+                return;
+            }
+            let socket = self.sockets.samples.as_ref().unwrap_or(&self.sockets.points);
+            let lost = if faults.cable_out {
+                1
+            } else {
+                self.faulty_samples.send(faults, &mut self.packet, |bytes| say(socket, target, bytes))
+            };
+            self.shared.samples[0].fetch_add(1, Ordering::Relaxed);
+            self.shared.samples[1].fetch_add(lost, Ordering::Relaxed);
+        }
+    }
+
+    /// What the device's clock shows at a host time: since power-on, and UTC.
+    fn clocks(&self, host_ns: i64, faults: &Faults) -> (i64, i64) {
+        let step_ns = (faults.clock_step_ms * 1e6) as i64;
+        ((host_ns - self.powered_ns + step_ns).max(0), host_ns + utc_ahead_ns() + step_ns)
     }
 
     /// Measuring begins at a whole tenth of a second of the device's clock, or goes on with the shot that is due by now: the
@@ -292,10 +326,14 @@ impl Running {
 impl Sockets {
     fn hear(&self, mut heard: impl FnMut(&UdpSocket, SocketAddrV4, &[u8])) {
         let mut buffer = [0; 2048];
-        for socket in [Some(&self.command), self.search.as_ref()].into_iter().flatten() {
+        // Where it is heard, and by which it is answered.
+        let search = self.search.as_ref();
+        let ears =
+            [(Some(&self.command), Some(&self.command)), (search, search), (self.broadcast.as_ref(), search)];
+        for (ear, mouth) in ears.into_iter().filter_map(|(ear, mouth)| ear.zip(mouth)) {
             for _ in 0..32 {
-                let Ok((length, SocketAddr::V4(from))) = socket.recv_from(&mut buffer) else { break };
-                heard(socket, from, buffer.get(..length).unwrap_or_default());
+                let Ok((length, SocketAddr::V4(from))) = ear.recv_from(&mut buffer) else { break };
+                heard(mouth, from, buffer.get(..length).unwrap_or_default());
             }
         }
     }

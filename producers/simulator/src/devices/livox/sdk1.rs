@@ -12,14 +12,15 @@ use super::config::LivoxConfig;
 const BROADCAST_PORT: u16 = 55000;
 /// Time between two broadcasts, nanoseconds.
 const BROADCAST_NS: i64 = 1_000_000_000;
-/// A Mid-40.
-const DEVICE_TYPE: u8 = 1;
+/// By whether it has an IMU: Mid-40, Avia.
+const DEVICE_TYPES: [u8; 2] = [1, 7];
 
 /// A session with a host.
 #[derive(Debug, Clone, Copy)]
 struct Host {
     command: SocketAddrV4,
     data: SocketAddrV4,
+    imu: SocketAddrV4,
     heartbeat_ns: i64,
 }
 
@@ -35,6 +36,10 @@ pub(super) struct Sdk1 {
     broadcast_ns: i64,
     host: Option<Host>,
     is_sampling: bool,
+    has_imu: bool,
+    sends_imu: bool,
+    /// What it says of itself.
+    pub(super) status: u32,
     extrinsic: Extrinsic,
     payload: Vec<u8>,
     frame: Vec<u8>,
@@ -52,6 +57,9 @@ impl Sdk1 {
             broadcast_ns: i64::MIN / 2,
             host: None,
             is_sampling: false,
+            has_imu: config.imu,
+            sends_imu: false,
+            status: 0,
             extrinsic: Extrinsic { roll_pitch_yaw_deg: [0.0; 3], translation_mm: [0; 3] },
             payload: Vec::new(),
             frame: Vec::new(),
@@ -63,9 +71,15 @@ impl Sdk1 {
         self.host.filter(|_| self.is_sampling).map(|host| host.data)
     }
 
+    /// Where IMU samples go, while it sends some.
+    pub(super) fn imu_target(&self) -> Option<SocketAddrV4> {
+        self.host.filter(|_| self.is_sampling && self.sends_imu).map(|host| host.imu)
+    }
+
     /// Power off and on.
     pub(super) fn power_cycle(&mut self, now_ns: i64) {
         (self.host, self.is_sampling, self.powered_ns) = (None, false, now_ns);
+        self.sends_imu = false;
     }
 
     pub(super) fn tick(&mut self, now_ns: i64, mut send: impl FnMut(SocketAddrV4, &[u8])) {
@@ -74,7 +88,11 @@ impl Sdk1 {
         }
         if self.host.is_none() && now_ns - self.broadcast_ns >= BROADCAST_NS {
             self.broadcast_ns = now_ns;
-            let broadcast = Broadcast { code: self.code, device_type: DEVICE_TYPE, reserved: 0 };
+            let broadcast = Broadcast {
+                code: self.code,
+                device_type: DEVICE_TYPES[usize::from(self.has_imu)],
+                reserved: 0,
+            };
             self.say(FrameKind::Message, 0, (0, 0), &Reply::Broadcast(broadcast));
             send(self.broadcast_to, &self.frame);
         }
@@ -99,13 +117,14 @@ impl Sdk1 {
     fn answer(&mut self, now_ns: i64, from: SocketAddrV4, request: &Request<'_>) -> Option<Reply<'static>> {
         const DONE: Reply<'static> = Reply::Done(0);
         const REFUSED: Reply<'static> = Reply::Done(1);
-        if let Request::Handshake { host, data_port, .. } = *request {
+        if let Request::Handshake { host, data_port, imu_port, .. } = *request {
             // A device that has a session does not take another: it is silent until the old one has timed out.
             if self.host.is_some_and(|host| host.command != from) {
                 return None;
             }
-            let data = SocketAddrV4::new(Ipv4Addr::from(host), data_port);
-            self.host = Some(Host { command: from, data, heartbeat_ns: now_ns });
+            let [data, imu] = [data_port, imu_port.unwrap_or(data_port)]
+                .map(|port| SocketAddrV4::new(Ipv4Addr::from(host), port));
+            self.host = Some(Host { command: from, data, imu, heartbeat_ns: now_ns });
             return Some(DONE);
         }
         let host = self.host.as_mut().filter(|host| host.command == from)?;
@@ -118,7 +137,7 @@ impl Sdk1 {
                     code: 0,
                     state: Ok(if booting { WorkState::Initialising } else { WorkState::Normal }),
                     features: 0,
-                    progress_or_status: if booting { progress } else { 0 },
+                    progress_or_status: if booting { progress } else { self.status },
                 }
             }
             Request::DeviceInfo => Reply::DeviceInfo { code: 0, firmware: [3, 8, 0, 0] },
@@ -148,6 +167,10 @@ impl Sdk1 {
             | Request::UtcTime(_)
             | Request::Coordinates { spherical: false } => DONE,
             Request::SetReturnMode(ReturnMode::First) => DONE,
+            Request::SetImu(on) if self.has_imu => {
+                self.sends_imu = on;
+                DONE
+            }
             // A Mid-40 has neither IMU nor fan nor echoes, and this one no other coordinates.
             _ => REFUSED,
         })

@@ -27,6 +27,11 @@ pub(super) struct Sdk2 {
     target: WorkState,
     state_host: Option<HostAddress>,
     point_host: Option<HostAddress>,
+    imu_host: Option<HostAddress>,
+    has_imu: bool,
+    sends_imu: bool,
+    /// What it says of itself.
+    pub(super) diagnostics: u16,
     data: Vec<u8>,
     frame: Vec<u8>,
 }
@@ -44,6 +49,10 @@ impl Sdk2 {
             target: WorkState::Idle,
             state_host: None,
             point_host: None,
+            imu_host: None,
+            has_imu: config.imu,
+            sends_imu: false,
+            diagnostics: 0,
             data: Vec::new(),
             frame: Vec::new(),
         }
@@ -58,10 +67,16 @@ impl Sdk2 {
         (self.state(now_ns) == WorkState::Sampling).then_some(self.point_host?.host)
     }
 
+    /// Where IMU samples go, while it sends some.
+    pub(super) fn imu_target(&self, now_ns: i64) -> Option<SocketAddrV4> {
+        (self.sends_imu && self.state(now_ns) == WorkState::Sampling).then_some(self.imu_host?.host)
+    }
+
     /// Power off and on.
     pub(super) fn power_cycle(&mut self, now_ns: i64) {
         (self.target, self.powered_ns) = (WorkState::Idle, now_ns);
-        (self.state_host, self.point_host) = (None, None);
+        (self.state_host, self.point_host, self.imu_host) = (None, None, None);
+        self.sends_imu = false;
     }
 
     pub(super) fn tick(&mut self, now_ns: i64, mut send: impl FnMut(SocketAddrV4, &[u8])) {
@@ -127,7 +142,7 @@ impl Sdk2 {
             let done = match key {
                 key::STATE_HOST => HostAddress::parse(value).map(|host| self.state_host = Some(host)),
                 key::POINT_HOST => HostAddress::parse(value).map(|host| self.point_host = Some(host)),
-                key::IMU_HOST => HostAddress::parse(value).map(|_| ()),
+                key::IMU_HOST => HostAddress::parse(value).map(|host| self.imu_host = Some(host)),
                 key::POINT_DATA_TYPE => match parameter.byte() {
                     Some(value) if value == DataType::Cartesian32 as u8 => Some(()),
                     Some(_) => return refused(return_code::OUT_OF_RANGE, key),
@@ -140,7 +155,8 @@ impl Sdk2 {
                     }
                     _ => return refused(return_code::OUT_OF_RANGE, key),
                 },
-                key::IMU_ENABLED => parameter.byte().map(|_| ()),
+                key::IMU_ENABLED if !self.has_imu => return refused(return_code::UNKNOWN_KEY, key),
+                key::IMU_ENABLED => parameter.byte().map(|on| self.sends_imu = on == 1),
                 _ => return refused(return_code::UNKNOWN_KEY, key),
             };
             if done.is_none() {
@@ -155,7 +171,10 @@ impl Sdk2 {
             key::SERIAL => list.put(wanted, &self.serial),
             key::WORK_STATE => list.put(wanted, &[self.state(now_ns) as u8]),
             key::TIME_TYPE => list.put(wanted, &[self.time_type as u8]),
-            key::DIAGNOSTICS => list.put(wanted, &[0, 0]),
+            key::DIAGNOSTICS => list.put(wanted, &self.diagnostics.to_le_bytes()),
+            // 41.5 degrees Celsius.
+            key::CORE_TEMPERATURE => list.put(wanted, &4150_i32.to_le_bytes()),
+            key::HEALTH_CODES => list.put(wanted, &[0; 32]),
             key::FIRMWARE_TYPE => list.put(wanted, &[1]),
             _ => {}
         }

@@ -67,6 +67,11 @@ impl Port {
         let _ = std::fs::remove_file(&self.link);
     }
 
+    /// Whether the cable is in.
+    pub fn is_plugged_in(&self) -> bool {
+        self.master.is_some()
+    }
+
     /// The cable is in again, and the module has had no power meanwhile.
     ///
     /// # Errors

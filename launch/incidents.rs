@@ -1,0 +1,166 @@
+//! Stages that died or hung, what became of them, and which frames it cost: in the log, and in a file of the domain's folder that
+//! `evac status` reads.
+
+use std::path::PathBuf;
+
+use evac_formats::write_atomically;
+use evac_ports::Domain;
+use serde::{Deserialize, Serialize};
+
+use crate::pulse::Beat;
+
+/// Incidents that are remembered; older ones are counted only.
+const REMEMBERED: usize = 64;
+
+/// One death of an instance that led.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Incident {
+    pub(crate) stage: String,
+    /// The instance that died.
+    pub(crate) epoch: u32,
+    pub(crate) cause: String,
+    /// Whether a standby took its place; otherwise it was started again.
+    pub(crate) standby: bool,
+    /// The last frame that it put out.
+    pub(crate) last_seq: Option<u64>,
+    /// The first new frame of the next instance, and how long after the death it came, milliseconds.
+    pub(crate) resumed: Option<Resumed>,
+    /// Host monotonic time of the death.
+    died_ns: i64,
+}
+
+/// How a stage went on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Resumed {
+    pub(crate) seq: u64,
+    pub(crate) after_ms: f64,
+}
+
+impl Incident {
+    pub(crate) fn new(stage: &str, epoch: u32, cause: String, standby: bool, last_seq: Option<u64>) -> Self {
+        let died_ns = evac_ports::now_ns();
+        Self { stage: stage.to_owned(), epoch, cause, standby, last_seq, resumed: None, died_ns }
+    }
+
+    /// The frames that nobody put out.
+    pub(crate) fn missing(&self) -> Option<(u64, u64)> {
+        let first = self.last_seq.map_or(0, |last| last.saturating_add(1));
+        let next = self.resumed?.seq;
+        (next > first).then(|| (first, next - 1))
+    }
+
+    /// What became of it, for people.
+    pub(crate) fn outcome(&self) -> String {
+        let how = if self.standby { "the standby took over" } else { "started again" };
+        match (self.resumed, self.missing()) {
+            (None, _) => format!("{how}; no new frame yet"),
+            (Some(Resumed { seq, after_ms }), None) => {
+                format!("{how}, next frame {seq} after {after_ms:.0} ms; no frame is missing")
+            }
+            (Some(Resumed { seq, after_ms }), Some((first, last))) => {
+                format!(
+                    "{how}, next frame {seq} after {after_ms:.0} ms; frames {first} to {last} are missing"
+                )
+            }
+        }
+    }
+}
+
+/// All incidents of a run.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Incidents {
+    /// All there were.
+    pub(crate) count: u64,
+    /// The newest, newest last.
+    pub(crate) newest: Vec<Incident>,
+    #[serde(skip)]
+    file: Option<PathBuf>,
+}
+
+impl Incidents {
+    pub(crate) fn of(domain: &Domain) -> Self {
+        Self { file: Some(path(domain)), ..Self::default() }
+    }
+
+    /// What the launcher of a domain has written.
+    pub(crate) fn read(domain: &Domain) -> Self {
+        std::fs::read_to_string(path(domain))
+            .ok()
+            .and_then(|text| serde_json::from_str(&text).ok())
+            .unwrap_or_default()
+    }
+
+    pub(crate) fn add(&mut self, incident: Incident) {
+        self.count += 1;
+        if self.newest.len() == REMEMBERED {
+            self.newest.remove(0);
+        }
+        self.newest.push(incident);
+        self.write();
+    }
+
+    /// The newest one of a stage that is not through.
+    pub(crate) fn open(&self, stage: &str) -> bool {
+        self.newest
+            .iter()
+            .rev()
+            .find(|incident| incident.stage == stage)
+            .is_some_and(|incident| incident.resumed.is_none())
+    }
+
+    /// A stage has put out its first new frame.
+    pub(crate) fn resumed(&mut self, stage: &str, beat: Beat) {
+        let open = self
+            .newest
+            .iter_mut()
+            .rev()
+            .find(|incident| incident.stage == stage && incident.resumed.is_none());
+        let Some(incident) = open else { return };
+        let after_ms = (beat.sent_ns - incident.died_ns) as f64 * 1e-6;
+        incident.resumed = Some(Resumed { seq: beat.seq, after_ms });
+        tracing::warn!(stage, "{}", incident.outcome());
+        self.write();
+    }
+
+    pub(crate) fn of_stage<'a>(&'a self, stage: &'a str) -> impl DoubleEndedIterator<Item = &'a Incident> {
+        self.newest.iter().filter(move |incident| incident.stage == stage)
+    }
+
+    fn write(&self) {
+        let Some(file) = &self.file else { return };
+        let written = serde_json::to_vec(self).map_err(|cause| cause.to_string()).and_then(|json| {
+            write_atomically(file, |writer| std::io::Write::write_all(writer, &json))
+                .map_err(|cause| cause.to_string())
+        });
+        // It is in the log; a full disk is no reason to stop.
+        if let Err(cause) = written {
+            tracing::warn!(cause, "the incident is not in the status");
+        }
+    }
+}
+
+fn path(domain: &Domain) -> PathBuf {
+    domain.folder().join("incidents.json")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_incident_says_exactly_which_frames_it_cost() {
+        let mut incidents = Incidents::default();
+        incidents.add(Incident::new("lio", 0, "killed".to_owned(), false, Some(41)));
+        assert!(incidents.newest[0].outcome().contains("no new frame yet"));
+        incidents.resumed("lio", Beat { seq: 45, sent_ns: incidents.newest[0].died_ns + 250_000_000 });
+        let outcome = incidents.newest[0].outcome();
+        assert!(
+            outcome.contains("after 250 ms") && outcome.contains("frames 42 to 44 are missing"),
+            "{outcome}"
+        );
+        incidents.add(Incident::new("lio", 1, "killed".to_owned(), true, Some(60)));
+        incidents.resumed("lio", Beat { seq: 61, sent_ns: 0 });
+        let outcome = incidents.newest[1].outcome();
+        assert!(outcome.contains("standby") && outcome.contains("no frame is missing"), "{outcome}");
+    }
+}
