@@ -104,7 +104,7 @@ fn who_writes_the_imu_samples_is_chosen_in_the_pipeline_file() {
     check(both).expect_error(3, &["'lidar' and 'imu' both write imu/sample"]);
     for shipped in ["devices", "mid360"] {
         let file = format!("{}/launch/pipelines/{shipped}.toml", env!("CARGO_MANIFEST_DIR"));
-        bench.run(["check", &file]).expect_success();
+        bench.run(["check", file.as_str()]).expect_success();
     }
 }
 
