@@ -175,11 +175,15 @@ fn every_line_of_a_json_log_is_json_that_of_a_failure_too() {
     let mut command = bench.evac(["up", &file, "--log-level", "debug"]);
     command.env("EVAC_LOG_FORMAT", "json");
     let up = Running::start(command);
-    let status =
-        wait_for("the pipeline", || status(&bench).filter(|status| status["stages"]["lio"]["pid"].is_u64()));
-    let pid = i32::try_from(status["stages"]["simulator"]["pid"].as_i64().unwrap()).unwrap();
-    // A producer is not started again: the run fails.
-    kill_process(Pid::from_raw(pid).unwrap(), Signal::KILL).unwrap();
+    // Three times a minute it is started again, then the run fails.
+    let mut killed = 0;
+    for _ in 0..4 {
+        killed = wait_for("a simulator", || {
+            let pid = status(&bench)?["stages"]["simulator"]["pid"].as_i64()?;
+            (pid != killed).then_some(pid)
+        });
+        kill_process(Pid::from_raw(i32::try_from(killed).unwrap()).unwrap(), Signal::KILL).unwrap();
+    }
     let ended = up.end();
     assert_eq!(ended.code, 1);
     let lines = parsed(&ended.stderr);

@@ -10,7 +10,7 @@ mod pids;
 use common::{Bench, Running, wait_for};
 use observer::Observer;
 use pids::Pids;
-use rustix::process::{Pid, Signal, kill_process};
+use rustix::process::{Pid, Signal, getpid, kill_process, set_child_subreaper};
 use serde_json::Value;
 
 const STAGES: [&str; 6] = ["simulator", "deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"];
@@ -195,7 +195,9 @@ fn the_launcher_after_one_that_was_killed_ends_what_still_runs_and_says_what_it_
     let file = pipeline(&bench, "live", "live", "seed = 5", "");
     let up = Running::start(bench.evac(["up", &file]));
     let before = wait_for_frames(&bench, 3);
-    // A stage that is stopped does not hear that its launcher has died.
+    // A stage that is stopped does not hear that its launcher has died. Handed to init it would: the kernel wakes stopped process
+    // groups that lose their session. So it is handed to this process.
+    set_child_subreaper(Some(getpid())).unwrap();
     let lio = &before["stages"]["lio"]["pid"];
     signal(lio, Signal::STOP);
     // With kill -9. (Its output stays open, as the stopped stage has it too.)

@@ -48,7 +48,7 @@ mod tests {
         let points: Vec<[f32; 3]> = (0..1000)
             .map(|i| match i % 100 {
                 0 => [f32::NAN, f32::INFINITY, i as f32],
-                _ => [(i * 7919 % 400) as f32 / 10.0 - 20.0, (i * 104_729 % 300) as f32 / 10.0, i as f32],
+                _ => [(i * 7919 % 400) as f32 / 100.0 - 2.0, (i * 104_729 % 300) as f32 / 100.0, i as f32],
             })
             .collect();
         let arranged = arranged(&points);
@@ -57,7 +57,7 @@ mod tests {
         sorted.sort_unstable();
         assert_eq!(sorted, numbers(&points));
         let changes = |points: &[[f32; 3]]| {
-            points.windows(2).filter(|pair| (pair[0][0] - pair[1][0]).abs() > 2.0).count()
+            points.windows(2).filter(|pair| (pair[0][0] - pair[1][0]).abs() > 2.0 * TILE_M).count()
         };
         assert!(changes(&arranged) * 2 < changes(&points));
         assert!(super::arranged(&[]).is_empty());
