@@ -1,8 +1,8 @@
 //! All services and their layouts in words, for stages that are written in another language.
 
 use evac_frames::{
-    Ack, Field, FrameHeader, GridHeader, Health, ImuAttitude, ImuSample, LatencySummary, Layout, MapHeader,
-    OdometryHealth, Point, PoseFrame, Route, ScanHeader, Trace, Voxel, layout_hash,
+    Ack, DeviceHealth, Field, FrameHeader, GridHeader, Health, ImuAttitude, ImuSample, LatencySummary,
+    Layout, MapHeader, OdometryHealth, Point, PoseFrame, Route, ScanHeader, Trace, Voxel, layout_hash,
 };
 
 use crate::bus::layout_text;
@@ -85,6 +85,7 @@ pub fn layouts() -> Vec<LayoutText> {
         PoseFrame,
         LatencySummary,
         OdometryHealth,
+        DeviceHealth,
         Health,
         Ack,
         Trace,
@@ -111,5 +112,23 @@ fn records<S: RecordService>() -> ServiceText {
         item: S::Record::NAME,
         len: None,
         qos: S::QOS,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_layout_that_a_field_has_is_in_the_catalogue() {
+        let layouts = layouts();
+        let scalars = ["u8", "i8", "u16", "u32", "i32", "u64", "i64", "f32", "f64"];
+        for layout in &layouts {
+            for field in &*layout.fields {
+                let ty = field.ty.trim_start_matches('[').split(';').next().unwrap_or_default();
+                let known = scalars.contains(&ty) || layouts.iter().any(|other| other.ty == ty);
+                assert!(known, "{}.{} is a {}", layout.name, field.name, field.ty);
+            }
+        }
     }
 }
