@@ -124,7 +124,7 @@ mod tests {
         let layouts = layouts();
         let scalars = ["u8", "i8", "u16", "u32", "i32", "u64", "i64", "f32", "f64"];
         for layout in &layouts {
-            for field in &*layout.fields {
+            for field in layout.fields {
                 let ty = field.ty.trim_start_matches('[').split(';').next().unwrap_or_default();
                 let known = scalars.contains(&ty) || layouts.iter().any(|other| other.ty == ty);
                 assert!(known, "{}.{} is a {}", layout.name, field.name, field.ty);
