@@ -86,6 +86,12 @@ impl Assembly {
         !self.open && self.expected_ns.is_none() && !begins
     }
 
+    /// Whether a packet comes after its scan was given up: it is counted as lost already, and its scan was passed on.
+    pub(crate) fn is_too_late(&self, packet: &Arrived) -> bool {
+        let middle_ns = packet.place_ns + packet.length_ns / 2;
+        !self.open && self.expected_ns.is_some_and(|expected_ns| middle_ns < expected_ns)
+    }
+
     /// Adds a packet; whether the scan is complete with it.
     pub(crate) fn add(&mut self, packet: &Arrived) -> bool {
         let missing = self.missing_before(packet.place_ns, packet.length_ns);
@@ -201,6 +207,22 @@ mod tests {
             let start = 100 * (k as i64 + 1) * MS;
             assert_eq!(*scan, (100, 0, start, start + 100 * MS));
         }
+    }
+
+    #[test]
+    fn packets_that_come_after_their_scan_was_given_up_do_not_make_it_a_second_time() {
+        let mut assembly = Assembly::new(100 * MS, 40_000, 1000);
+        let packet =
+            |n: i64| Arrived { slot: 0, place_ns: n * MS, length_ns: MS, points: 100, arrival_ns: n };
+        assert!((100..160).all(|n| !assembly.is_too_late(&packet(n)) && !assembly.add(&packet(n))));
+        assembly.give_up(200 * MS);
+        let scan = assembly.take();
+        assert_eq!((scan.packets.len(), scan.lost, scan.end_ns), (60, 40, 200 * MS));
+        assembly.recycle(scan);
+        assert!((160..200).all(|n| assembly.is_too_late(&packet(n))));
+        assert!((200..299).all(|n| !assembly.is_too_late(&packet(n)) && !assembly.add(&packet(n))));
+        assert!(assembly.add(&packet(299)));
+        assert_eq!((assembly.take().start_ns, assembly.lost), (200 * MS, 40));
     }
 
     #[test]

@@ -168,6 +168,10 @@ impl Intake {
         };
         let arrived =
             Arrived { slot: received.slot, place_ns, length_ns, points, arrival_ns: received.arrival_ns };
+        if self.assembly.is_too_late(&arrived) {
+            self.counts.late += 1;
+            return false;
+        }
         if self.assembly.is_too_early(&arrived) {
             self.counts.unsure += 1;
             return false;
