@@ -16,7 +16,7 @@ use super::pairs::{Pairs, Port};
 use super::report::{Comparison, Measures, Row, Side};
 use super::usage;
 use crate::error::LaunchError;
-use crate::health_board::HealthBoard;
+use crate::health_board::{HealthBoard, leads};
 use crate::registry::{ODOMETRIES, kind};
 use crate::status::nothing_runs;
 
@@ -94,6 +94,8 @@ fn shadows(domain: &Domain, board: &HealthBoard) -> Vec<Found> {
     names
         .filter_map(|name| {
             let shadow = board.instances(&name).rev().find(is_shadow)?;
+            // Each instance reports once a second: the one that leads must have, too.
+            board.get(&name).filter(|health| leads(health))?;
             let kind = kind_of(domain, &name, shadow.epoch)?;
             Some(Found { name, kind, shadow: (shadow.epoch, shadow.pid) })
         })
