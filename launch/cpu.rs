@@ -11,11 +11,15 @@ pub(crate) fn shares(board: &HealthBoard) -> BTreeMap<String, f64> {
     board.all().filter_map(|(name, health)| Some((name.to_owned(), share(health.pid)?))).collect()
 }
 
-/// CPU time that a process has taken, user and system, seconds.
+/// CPU time that a process has taken, user and system, seconds; `None` where it has ended.
 pub(crate) fn cpu_s(pid: u32) -> Option<f64> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // Fields 14 and 15 of proc(5), counted behind the name.
-    let mut fields = stat.rsplit_once(')')?.1.split_whitespace().skip(11);
+    // The name in brackets may hold spaces and brackets; user and system time are fields 14 and 15 of proc(5).
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
+    if fields.next()? == "Z" {
+        return None;
+    }
+    let mut fields = fields.skip(10);
     let mut ticks = || fields.next()?.parse::<f64>().ok();
     Some((ticks()? + ticks()?) / clock_ticks_per_second() as f64)
 }

@@ -138,9 +138,7 @@ fn run_to_the_end(
     check(&pipeline).map_err(|cause| LaunchError::Run(evac_stage::RunError::Value(cause)))?;
     // Written where the results are, so that the run can be repeated with `evac up`.
     let file = run.output.join("pipeline.toml");
-    let text = toml::to_string(&pipeline)
-        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
-    write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+    write_pipeline(&file, &pipeline)?;
 
     let started = Instant::now();
     let (mut supervisor, wakeups) = Supervisor::start(&pipeline, &file, domain, log)?;
@@ -194,6 +192,13 @@ pub(crate) fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value)
     for entry in pipeline.stages.iter_mut().filter(|entry| entry.kind == stage) {
         entry.config.insert(key.to_owned(), value.clone());
     }
+}
+
+/// Writes a pipeline file, whole or not at all.
+pub(crate) fn write_pipeline(file: &Path, pipeline: &Pipeline) -> Result<(), LaunchError> {
+    let text = toml::to_string(pipeline)
+        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
+    Ok(write_atomically(file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?)
 }
 
 pub(crate) fn create_folder(folder: &Path) -> Result<(), LaunchError> {

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use evac_config::{Pipeline, StageEntry};
-use evac_formats::write_atomically;
 use evac_frames::{Health, Route, StageState};
 use evac_recorder::Recorder;
 use evac_stage::Stage as _;
@@ -13,6 +12,7 @@ use rustix::process::Signal;
 use crate::child::Child;
 use crate::control::{Order, Outcome, Reply, Request};
 use crate::error::LaunchError;
+use crate::finite::write_pipeline;
 use crate::registry::{ODOMETRIES, kind};
 use crate::supervisor::Supervisor;
 
@@ -156,9 +156,7 @@ impl Supervisor {
             *place = entry.clone();
         }
         let file = self.around.domain.folder().join(format!("{}-{epoch}.toml", entry.name()));
-        let text = toml::to_string(&pipeline)
-            .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
-        write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+        write_pipeline(&file, &pipeline)?;
         Ok(file)
     }
 

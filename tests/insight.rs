@@ -4,41 +4,24 @@
 mod common;
 #[path = "common/terminal.rs"]
 mod terminal;
+#[path = "common/walk.rs"]
+mod walk;
 
 use common::{Bench, Running, wait_for};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use terminal::Terminal;
-
-const STAGES: [&str; 6] = ["simulator", "deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"];
+use walk::{STAGES, pipeline, status, wait_for_frames};
 
 /// A walk in real time that lasts until it is ended.
-fn pipeline(bench: &Bench) -> String {
-    let mut text = format!("mode = \"live\"\ndomain = \"{}\"\n", bench.domain.name());
-    for stage in STAGES {
-        text += &format!("[[stage]]\nkind = \"{stage}\"\n");
-        match stage {
-            "simulator" => text += "[stage.config]\nseed = 3\nlaps = 100\n",
-            "grid_exporter" | "map_saver" => text += "[stage.config]\noutput_dir = \"maps\"\n",
-            _ => {}
-        }
-    }
-    bench.write("walk.toml", text).to_str().unwrap().to_owned()
-}
-
-fn status(bench: &Bench) -> Option<Value> {
-    let ended = bench.run(["status", "--domain", bench.domain.name(), "--json"]);
-    serde_json::from_str(&ended.stdout).ok()
+fn long_walk(bench: &Bench) -> String {
+    pipeline(bench, "mode = \"live\"", "maps", "seed = 3\nlaps = 100")
 }
 
 /// A pipeline all of whose stages put out frames.
 fn running(bench: &Bench) -> (Running, Value) {
-    let up = Running::start(bench.evac(["up", &pipeline(bench)]));
-    let status = wait_for("all stages to put out frames", || {
-        let status = status(bench)?;
-        let all = STAGES.iter().all(|stage| status["stages"][stage]["frames"]["out"].as_u64() > Some(5));
-        all.then_some(status)
-    });
+    let up = Running::start(bench.evac(["up", &long_walk(bench)]));
+    let status = wait_for_frames(bench, 5);
     (up, status)
 }
 
@@ -171,7 +154,7 @@ fn top_shows_all_stages_on_a_terminal_of_any_size_and_leaves_it_as_it_was() {
 #[test]
 fn every_line_of_a_json_log_is_json_that_of_a_failure_too() {
     let bench = Bench::new();
-    let file = pipeline(&bench);
+    let file = long_walk(&bench);
     let mut command = bench.evac(["up", &file, "--log-level", "debug"]);
     command.env("EVAC_LOG_FORMAT", "json");
     let up = Running::start(command);

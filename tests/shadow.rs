@@ -4,6 +4,8 @@
 mod common;
 #[path = "common/observer.rs"]
 mod observer;
+#[path = "common/walk.rs"]
+mod walk;
 
 use std::collections::BTreeSet;
 use std::io::{BufRead as _, BufReader};
@@ -13,37 +15,12 @@ use common::{Bench, Running, wait_for};
 use observer::{Heard, Observer, assert_gap_free};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use walk::{STAGES, pipeline, status, wait_for_frames};
 
-const STAGES: [&str; 6] = ["simulator", "deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"];
-
-/// A live walk with results in the bench's folder, running.
-fn walk(bench: &Bench, seed: u32) -> Running {
-    let mut text = format!("mode = \"live\"\ndomain = \"{}\"\n", bench.domain.name());
-    for stage in STAGES {
-        text += &format!("[[stage]]\nkind = \"{stage}\"\n[stage.config]\n");
-        match stage {
-            "simulator" => text += &format!("seed = {seed}\nlaps = 3\n"),
-            "grid_exporter" | "map_saver" => {
-                text += &format!("output_dir = \"{}\"\n", bench.path("out").display());
-            }
-            _ => {}
-        }
-    }
-    let file = bench.write("walk.toml", text);
-    Running::start(bench.evac(["up", file.to_str().unwrap()]))
-}
-
-fn status(bench: &Bench) -> Option<Value> {
-    let ended = bench.run(["status", "--domain", bench.domain.name(), "--json"]);
-    serde_json::from_str(&ended.stdout).ok()
-}
-
-fn wait_for_frames(bench: &Bench, frames: u64) -> Value {
-    wait_for("all stages to put out frames", || {
-        let status = status(bench)?;
-        let all = STAGES.iter().all(|stage| status["stages"][stage]["frames"]["out"].as_u64() > Some(frames));
-        all.then_some(status)
-    })
+/// A live walk, running.
+fn start_walk(bench: &Bench, seed: u32) -> Running {
+    let file = pipeline(bench, "mode = \"live\"", "out", &format!("seed = {seed}\nlaps = 3"));
+    Running::start(bench.evac(["up", &file]))
 }
 
 /// The outcome of a request that succeeds.
@@ -92,7 +69,7 @@ fn assert_whole(heard: &Heard) {
 #[test]
 fn a_shadow_is_unheard_dies_without_effect_and_is_promoted() {
     let bench = Bench::new();
-    let up = walk(&bench, 7);
+    let up = start_walk(&bench, 7);
     let before = wait_for_frames(&bench, 30);
     let observer = Observer::start(&bench.domain);
     assert!(refusal(&bench, ["shadow", "map_saver"]).contains("only processors"));
@@ -142,7 +119,7 @@ fn a_shadow_is_unheard_dies_without_effect_and_is_promoted() {
 #[test]
 fn where_the_new_instance_dies_of_its_first_frames_the_old_one_goes_on() {
     let bench = Bench::new();
-    let up = walk(&bench, 8);
+    let up = start_walk(&bench, 8);
     let before = wait_for_frames(&bench, 30);
     let observer = Observer::start(&bench.domain);
     for stage in ["lio", "deskewer", "octree_mapper", "map_saver"] {
@@ -187,7 +164,7 @@ fn where_the_new_instance_dies_of_its_first_frames_the_old_one_goes_on() {
 #[test]
 fn a_stage_and_its_shadow_are_compared_and_equal_ones_hardly_differ() {
     let bench = Bench::new();
-    let up = walk(&bench, 9);
+    let up = start_walk(&bench, 9);
     wait_for_frames(&bench, 30);
     let domain = bench.domain.name().to_owned();
     let compared = |stage: &str| -> Value {

@@ -6,44 +6,15 @@ mod common;
 mod observer;
 #[path = "common/pids.rs"]
 mod pids;
+#[path = "common/walk.rs"]
+mod walk;
 
 use common::{Bench, Running, wait_for};
 use observer::Observer;
 use pids::Pids;
 use rustix::process::{Pid, Signal, getpid, kill_process, set_child_subreaper};
 use serde_json::Value;
-
-const STAGES: [&str; 6] = ["simulator", "deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"];
-
-/// A pipeline of the simulator with results in `folder` and `more` at the top of its file.
-fn pipeline(bench: &Bench, mode: &str, folder: &str, simulator: &str, more: &str) -> String {
-    let mut text = format!("mode = \"{mode}\"\ndomain = \"{}\"\n{more}\n", bench.domain.name());
-    for stage in STAGES {
-        text += &format!("[[stage]]\nkind = \"{stage}\"\n");
-        match stage {
-            "simulator" => text += &format!("[stage.config]\n{simulator}\n"),
-            "grid_exporter" | "map_saver" => {
-                text += &format!("[stage.config]\noutput_dir = \"{}\"\n", bench.path(folder).display());
-            }
-            _ => {}
-        }
-    }
-    bench.write(&format!("{folder}.toml"), text).to_str().unwrap().to_owned()
-}
-
-fn status(bench: &Bench) -> Option<Value> {
-    let ended = bench.run(["status", "--domain", bench.domain.name(), "--json"]);
-    serde_json::from_str(&ended.stdout).ok()
-}
-
-/// Waits until the leading instance of every stage has put out `frames`.
-fn wait_for_frames(bench: &Bench, frames: u64) -> Value {
-    wait_for("all stages to put out frames", || {
-        let status = status(bench)?;
-        let all = STAGES.iter().all(|stage| status["stages"][stage]["frames"]["out"].as_u64() > Some(frames));
-        all.then_some(status)
-    })
-}
+use walk::{STAGES, pipeline, status, wait_for_frames};
 
 fn signal(pid: &Value, signal: Signal) {
     let pid = i32::try_from(pid.as_i64().unwrap()).unwrap();
@@ -66,7 +37,7 @@ fn wait_for_another(bench: &Bench, stage: &str, before: &Value) -> Value {
 #[test]
 fn a_stage_that_hangs_is_started_again_and_status_and_log_say_why() {
     let bench = Bench::new();
-    let file = pipeline(&bench, "live", "live", "seed = 3", "[supervision]\nhang_after_frames = 20");
+    let file = pipeline(&bench, "[supervision]\nhang_after_frames = 20", "live", "seed = 3");
     let up = Running::start(bench.evac(["up", &file]));
     for stage in ["lio", "deskewer", "octree_mapper", "map_saver"] {
         let before = wait_for_frames(&bench, 10)["stages"][stage].clone();
@@ -98,7 +69,7 @@ fn the_files_after_a_kill_in_a_lossless_walk_are_those_of_a_walk_without() {
     const FILES: [&str; 5] = ["map.ot", "map.bt", "trajectory.tum", "cloud.pcd", "plan.pgm"];
     let walk = "seed = 6\nduration_s = 60.0";
     let whole = Bench::new();
-    let file = pipeline(&whole, "lossless", "out", walk, "");
+    let file = pipeline(&whole, "mode = \"lossless\"", "out", walk);
     Running::start(whole.evac(["up", &file])).end().expect_success();
     // Frames that are no round numbers, early and late in the walk.
     for (stage, seq) in [
@@ -109,7 +80,7 @@ fn the_files_after_a_kill_in_a_lossless_walk_are_those_of_a_walk_without() {
         ("simulator", 59),
     ] {
         let bench = Bench::new();
-        let file = pipeline(&bench, "lossless", "out", walk, "");
+        let file = pipeline(&bench, "mode = \"lossless\"", "out", walk);
         let up = Running::start(bench.evac(["up", &file]));
         kill_at(&bench, stage, seq);
         let ended = up.end().expect_success();
@@ -126,7 +97,7 @@ fn the_files_after_a_kill_in_a_lossless_walk_are_those_of_a_walk_without() {
 #[test]
 fn each_stage_that_is_killed_goes_on_by_itself_and_which_frames_it_cost_is_said() {
     let bench = Bench::new();
-    let file = pipeline(&bench, "live", "live", "seed = 4", "");
+    let file = pipeline(&bench, "mode = \"live\"", "live", "seed = 4");
     let up = Running::start(bench.evac(["up", &file]));
     wait_for_frames(&bench, 40);
     let observer = Observer::start(&bench.domain);
@@ -165,7 +136,7 @@ fn each_stage_that_is_killed_goes_on_by_itself_and_which_frames_it_cost_is_said(
 #[test]
 fn a_producer_is_swapped_and_the_gap_is_stated() {
     let bench = Bench::new();
-    let file = pipeline(&bench, "live", "live", "seed = 5", "");
+    let file = pipeline(&bench, "mode = \"live\"", "live", "seed = 5");
     let up = Running::start(bench.evac(["up", &file]));
     let before = wait_for_frames(&bench, 10);
     let observer = Observer::start(&bench.domain);
@@ -192,7 +163,7 @@ fn a_producer_is_swapped_and_the_gap_is_stated() {
 #[test]
 fn the_launcher_after_one_that_was_killed_ends_what_still_runs_and_says_what_it_found() {
     let bench = Bench::new();
-    let file = pipeline(&bench, "live", "live", "seed = 5", "");
+    let file = pipeline(&bench, "mode = \"live\"", "live", "seed = 5");
     let up = Running::start(bench.evac(["up", &file]));
     let before = wait_for_frames(&bench, 3);
     // A stage that is stopped does not hear that its launcher has died. Handed to init it would: the kernel wakes stopped process

@@ -4,6 +4,8 @@
 mod common;
 #[path = "common/observer.rs"]
 mod observer;
+#[path = "common/walk.rs"]
+mod walk;
 
 use std::path::Path;
 
@@ -11,40 +13,10 @@ use common::{Bench, Ended, Running, wait_for};
 use observer::{Heard, Observer, assert_gap_free};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use walk::{STAGES, pipeline, status, wait_for_frames};
 
-const STAGES: [&str; 6] = ["simulator", "deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"];
 /// No pose is farther off at a cut, metres and radians.
 const MAX_JUMP: (f64, f64) = (0.02, 0.0035);
-
-/// A pipeline of the simulator, paced as `pace` says, with results in `folder`.
-fn pipeline(bench: &Bench, pace: &str, folder: &str, simulator: &str) -> String {
-    let mut text = format!("{pace}\ndomain = \"{}\"\n", bench.domain.name());
-    for stage in STAGES {
-        text += &format!("[[stage]]\nkind = \"{stage}\"\n");
-        match stage {
-            "simulator" => text += &format!("[stage.config]\n{simulator}\n"),
-            "grid_exporter" | "map_saver" => {
-                text += &format!("[stage.config]\noutput_dir = \"{}\"\n", bench.path(folder).display());
-            }
-            _ => {}
-        }
-    }
-    bench.write(&format!("{folder}.toml"), text).to_str().unwrap().to_owned()
-}
-
-fn status(bench: &Bench) -> Option<Value> {
-    let ended = bench.run(["status", "--domain", bench.domain.name(), "--json"]);
-    serde_json::from_str(&ended.stdout).ok()
-}
-
-/// Waits until the leading instance of every stage has put out `frames`.
-fn wait_for_frames(bench: &Bench, frames: u64) -> Value {
-    wait_for("all stages to put out frames", || {
-        let status = status(bench)?;
-        let all = STAGES.iter().all(|stage| status["stages"][stage]["frames"]["out"].as_u64() > Some(frames));
-        all.then_some(status)
-    })
-}
 
 fn ask<const N: usize>(bench: &Bench, words: [&str; N]) -> Ended {
     let words = words.into_iter().chain(["--json", "--domain", bench.domain.name()]);

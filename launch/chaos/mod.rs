@@ -31,7 +31,7 @@ use crate::check::check;
 use crate::child::Child;
 use crate::control::{self, Order, Outcome, Request};
 use crate::error::LaunchError;
-use crate::finite::{create_folder, set};
+use crate::finite::{create_folder, set, write_pipeline};
 use crate::incidents::Incident;
 use crate::progress::bar;
 use crate::registry::{ODOMETRIES, Role};
@@ -58,9 +58,7 @@ pub(crate) fn chaos(args: &ChaosArgs) -> Result<(), LaunchError> {
     create_folder(&args.output)?;
     let pipeline = pipeline(args)?;
     let file = args.output.join("pipeline.toml");
-    let text = toml::to_string(&pipeline)
-        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
-    write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+    write_pipeline(&file, &pipeline)?;
     let own = format!("chaos-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
     let (mut supervisor, wakeups) = Supervisor::start_lasting(&pipeline, &file, &domain, &args.log)?;

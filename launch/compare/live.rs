@@ -8,13 +8,13 @@ use evac_config::Pipeline;
 use evac_frames::{FrameHeader, Health, StageState};
 use evac_ports::services::{MapUpdate, OdometryPose, ScanDeskewed};
 use evac_ports::{Bus, Domain, FrameSubscriber, Listener, PortError, RecordSubscriber, Wake, wait_on};
-use rustix::param::clock_ticks_per_second;
 
 use super::cli::CompareArgs;
 use super::deviation::{MAPS, Maps, POSES, SCANS, of_poses, of_scans};
 use super::pairs::{Pairs, Port};
 use super::report::{Comparison, Measures, Row, Side};
 use super::usage;
+use crate::cpu::cpu_s;
 use crate::error::LaunchError;
 use crate::health_board::{HealthBoard, leads};
 use crate::registry::{ODOMETRIES, kind};
@@ -199,19 +199,6 @@ impl Watch<'_> {
 /// From the arrival of a scan's last byte on the host to the hand-over of what came of it.
 fn latency_ms(frame: &FrameHeader) -> f64 {
     frame.sent_ns.saturating_sub(frame.arrival_ns) as f64 * 1e-6
-}
-
-/// CPU time of a process since its start, seconds; `None` where it has ended.
-fn cpu_s(pid: u32) -> Option<f64> {
-    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    // The name in brackets may hold spaces and brackets; user and system time are fields 14 and 15 of proc(5).
-    let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
-    if fields.next()? == "Z" {
-        return None;
-    }
-    let mut fields = fields.skip(10);
-    let mut ticks = || fields.next()?.parse::<f64>().ok();
-    Some((ticks()? + ticks()?) / clock_ticks_per_second() as f64)
 }
 
 /// The table, in place on a terminal, now and then one line elsewhere.

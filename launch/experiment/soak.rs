@@ -6,7 +6,6 @@ use std::path::Path;
 use std::time::Duration;
 
 use evac_config::{Mode, Pipeline};
-use evac_formats::write_atomically;
 use evac_frames::{Ack, Health, PoseFrame, frame_flags};
 use evac_geometry::map_from_lidar;
 use evac_geometry::nalgebra::Isometry3;
@@ -21,7 +20,7 @@ use super::process::ProcessFigures;
 use super::soak_report::{Minute, Soak};
 use crate::check::check;
 use crate::error::LaunchError;
-use crate::finite::{create_folder, set};
+use crate::finite::{create_folder, set, write_pipeline};
 use crate::progress::bar;
 use crate::supervisor::{Supervisor, interrupted};
 
@@ -38,9 +37,7 @@ pub(super) fn soak(args: &SoakArgs) -> Result<(), LaunchError> {
     create_folder(&args.output)?;
     let pipeline = pipeline(args)?;
     let file = args.output.join("pipeline.toml");
-    let text = toml::to_string(&pipeline)
-        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
-    write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+    write_pipeline(&file, &pipeline)?;
     let own = format!("soak-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
     let minutes = walk(args, &pipeline, &file, &domain)?;

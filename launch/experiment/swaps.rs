@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use evac_config::{Mode, Pipeline};
-use evac_formats::{tum, write_atomically};
+use evac_formats::tum;
 use evac_frames::StageState;
 use evac_ports::Domain;
 use evac_stage::start_logging;
@@ -20,7 +20,7 @@ use super::swaps_report::{Change, Swaps};
 use crate::check::check;
 use crate::control::{self, Order, Request};
 use crate::error::LaunchError;
-use crate::finite::{create_folder, set};
+use crate::finite::{create_folder, set, write_pipeline};
 use crate::progress::bar;
 use crate::registry::ODOMETRIES;
 use crate::supervisor::{Progress, Supervisor, interrupted};
@@ -48,9 +48,7 @@ pub(super) fn swaps(args: &SwapsArgs) -> Result<(), LaunchError> {
     create_folder(&args.output)?;
     let pipeline = pipeline(args)?;
     let file = args.output.join("pipeline.toml");
-    let text = toml::to_string(&pipeline)
-        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
-    write_atomically(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
+    write_pipeline(&file, &pipeline)?;
     let own = format!("swaps-{}", std::process::id());
     let domain = Domain::new(args.domain.as_deref().unwrap_or(&own))?;
     let mut swaps = walk(args, &pipeline, &file, &domain)?;
