@@ -16,6 +16,8 @@ use crate::slot::Slot;
 /// Lossless stages wait for each other, so that nobody's input goes on while one hangs: there a stage hangs that had work and did
 /// nothing for so long. Half of what the source waits for its sinks.
 const LOSSLESS_PATIENCE: Duration = Duration::from_secs(30);
+/// Frames that come at once, from a stage that was started again, are no sign that their reader hangs: it has so long for the first.
+const BURST: Duration = Duration::from_secs(1);
 
 /// Whose frames: a service's, or those that a sink acknowledges.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -153,8 +155,9 @@ pub(crate) struct Watch {
 struct Stand {
     epoch: u32,
     own: Option<u64>,
-    /// Newest input when it put out `own`.
+    /// Newest input when it put out `own`, and when there was a newer one.
     base: u64,
+    behind: Option<Instant>,
     input: u64,
     /// Nothing was put out or came in since.
     since: Instant,
@@ -176,19 +179,20 @@ impl Watch {
             let Some(input) = newest_input(slot, slots, pulse)? else { continue };
             let own = pulse.newest(&line, slot.epoch);
             let now = Instant::now();
-            let fresh = Stand { epoch: slot.epoch, own, base: input, input, since: now };
+            let fresh = Stand { epoch: slot.epoch, own, base: input, behind: None, input, since: now };
             let Some(stand) = self.stages.get_mut(index) else { continue };
             let stand = stand.get_or_insert(fresh);
             if stand.epoch != slot.epoch || stand.own != own {
                 *stand = fresh;
             } else if stand.input != input {
                 (stand.input, stand.since) = (input, now);
+                stand.behind = stand.behind.or(Some(now));
             }
             let missed = input.saturating_sub(stand.base);
             let last =
                 own.map_or("it has put out nothing yet".to_owned(), |seq| format!("its last frame is {seq}"));
             let name = slot.name();
-            if missed >= after_frames {
+            if missed >= after_frames && stand.behind.is_some_and(|since| since.elapsed() >= BURST) {
                 let text = format!(
                     "stage '{name}' hangs: {missed} more frames came to it and it put out none; {last}"
                 );
