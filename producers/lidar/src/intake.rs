@@ -147,13 +147,15 @@ impl Intake {
         let shot_ns = packet.shot_ns().unwrap_or_else(|| self.shot_ns());
         let points = shots * packet.echoes();
         let length_ns = (shots as f64 * shot_ns).round() as i64;
+        if self.timeline.leaves(source) {
+            tracing::warn!(?source, "the LiDAR's clock has changed its source: a new segment begins");
+            self.begin_segment(outlet);
+        }
         let place_ns = match self.timeline.judge(source, stamp_ns, length_ns, received.arrival_ns) {
             Verdict::Accept(place_ns) => place_ns,
             Verdict::NewSegment => {
                 tracing::warn!(stamp_ns, "the LiDAR's clock was set: a new segment begins");
-                self.complete(outlet);
-                self.assembly.forget_expected();
-                self.own_imu.pause();
+                self.begin_segment(outlet);
                 self.counts.unsure += 1;
                 return false;
             }
@@ -188,11 +190,16 @@ impl Intake {
 
     /// The device may be another, and was perhaps switched off: nothing of its clock is known.
     fn begin_session(&mut self, outlet: &mut Outlet<'_>) {
-        self.complete(outlet);
+        self.begin_segment(outlet);
         self.timeline.restart();
+        self.shot_time.forget();
+    }
+
+    /// The device's line begins anew, perhaps before where it was: what was expected on it says nothing about what comes.
+    fn begin_segment(&mut self, outlet: &mut Outlet<'_>) {
+        self.complete(outlet);
         self.assembly.forget_expected();
         self.own_imu.pause();
-        self.shot_time.forget();
     }
 
     fn shot_ns(&self) -> f64 {

@@ -49,6 +49,12 @@ impl Timeline {
         (self.source, self.last, self.newest) = (None, None, None);
     }
 
+    /// Whether a packet stamped by `source` ends the segment, the device's clock having followed another until now. What was
+    /// measured in it has its place on the host's clock until that packet is judged.
+    pub(crate) fn leaves(&self, source: TimeSource) -> bool {
+        self.source.is_some_and(|known| known != source)
+    }
+
     /// Judges a packet whose first shot is stamped `stamp_ns`, which lasts `length_ns` and came at `arrival_ns`.
     pub(crate) fn judge(
         &mut self,
@@ -58,13 +64,10 @@ impl Timeline {
         arrival_ns: i64,
     ) -> Verdict {
         if self.source != Some(source) {
-            let known = self.source.is_some();
+            self.segments += u64::from(self.leaves(source));
             self.source = Some(source);
             (self.last, self.newest) = (None, None);
             self.fit.restart();
-            if known {
-                self.segments += 1;
-            }
         }
         let place = self.place(source, stamp_ns, arrival_ns);
         if self.newest.is_some_and(|newest| (0..LATE_NS).contains(&newest.saturating_sub(place))) {
@@ -180,6 +183,7 @@ mod tests {
         );
         assert!(matches!(verdicts.last(), Some(Verdict::Accept(_))));
         assert_eq!(timeline.segments, 1);
+        assert!(timeline.leaves(TimeSource::Gps) && !timeline.leaves(TimeSource::Ptp));
     }
 
     #[test]
