@@ -89,7 +89,7 @@ fn follow(traces: &Traces, from_seq: u64, frames: usize) -> anyhow::Result<Vec<[
 }
 
 fn report(evac: &[[i64; HOPS]], bare: &[[i64; HOPS]]) -> anyhow::Result<()> {
-    print_heading("hops of a frame, evac's stages beside iceoryx2 alone at the same time");
+    print_heading("hops of a frame, evac's stages beside iceoryx2 alone in between");
     for (hop, reader) in READERS.iter().enumerate() {
         for (name, frames) in [("evac", evac), ("bare", bare)] {
             line(&format!("to {reader}, {name}"), frames.iter().map(|hops| hops[hop]));
@@ -117,7 +117,7 @@ fn report(evac: &[[i64; HOPS]], bare: &[[i64; HOPS]]) -> anyhow::Result<()> {
             [("evac", shown(sums(evac))), ("iceoryx2 alone", shown(sums(bare)))],
         ));
     }
-    let title = "Accumulated IPC: 3 hops to the pose's consumer, 4 to the plan".to_owned();
+    let title = "Accumulated IPC: 3 hops to the consumer of poses, 4 to the plan".to_owned();
     plot("chain", &LineChart { title, x_label: "us".to_owned(), panels })
 }
 

@@ -13,6 +13,8 @@ use toml::Value as Toml;
 
 /// What `evac up` runs with the simulator: live, in real time.
 const PIPELINE: &str = include_str!("../../launch/pipelines/simulated.toml");
+/// A lap takes seventy seconds: more than any bench stays.
+const LAPS: i64 = 4;
 pub(crate) const EVAC: &str = env!("CARGO_BIN_EXE_evac");
 
 /// A pipeline under its launcher; dropping it stops all its processes.
@@ -29,6 +31,9 @@ impl Running {
         for stage in pipeline.stages.iter_mut().filter(|stage| stage.config.contains_key("output_dir")) {
             let output = folder.path().to_str().context("the folder for results has no UTF-8 name")?;
             stage.config.insert("output_dir".to_owned(), Toml::from(output));
+        }
+        for simulator in pipeline.stages.iter_mut().filter(|stage| stage.kind == "simulator") {
+            simulator.config.insert("laps".to_owned(), Toml::from(LAPS));
         }
         let file = folder.path().join("pipeline.toml");
         std::fs::write(&file, toml::to_string(&pipeline)?)?;
