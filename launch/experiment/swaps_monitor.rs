@@ -7,8 +7,10 @@ use evac_geometry::map_from_lidar;
 use evac_ports::services::{OdometryPose, TruthPose};
 use evac_ports::{Bus, Listener, PortError, RecordSubscriber};
 
-use super::swaps_report::{Cut, Swaps};
+use super::swaps_report::{Cut, Gap, Swaps};
 
+/// A gap of the pose stream longer than this is listed, 1.5 periods.
+const LONG_GAP_NS: i64 = 150_000_000;
 /// True poses kept until the pose of their scan comes.
 const MAX_TRUTH: usize = 256;
 
@@ -29,6 +31,7 @@ pub(super) struct Monitor {
     /// Worst step that is no cut, metres.
     elsewhere_m: f64,
     gap_ns: i64,
+    long_gaps: Vec<Gap>,
 }
 
 impl Monitor {
@@ -48,6 +51,7 @@ impl Monitor {
             cuts: Vec::new(),
             elsewhere_m: 0.0,
             gap_ns: 0,
+            long_gaps: Vec::new(),
         })
     }
 
@@ -71,7 +75,11 @@ impl Monitor {
         }
         self.frames += 1;
         if let Some(last) = self.last.replace(*pose) {
-            self.gap_ns = self.gap_ns.max(pose.frame.sent_ns - last.frame.sent_ns);
+            let gap_ns = pose.frame.sent_ns - last.frame.sent_ns;
+            self.gap_ns = self.gap_ns.max(gap_ns);
+            if gap_ns > LONG_GAP_NS {
+                self.long_gaps.push(Gap { seq: pose.frame.seq, ms: gap_ns as f64 * 1e-6 });
+            }
             let error = self.step_error(&last, pose);
             if last.frame.epoch != pose.frame.epoch {
                 // A step that cannot be judged is no good one.
@@ -81,6 +89,11 @@ impl Monitor {
                 self.elsewhere_m = self.elsewhere_m.max(off_m);
             }
         }
+    }
+
+    /// The newest pose's frame.
+    pub(super) fn newest(&self) -> u64 {
+        self.last.map_or(0, |last| last.frame.seq)
     }
 
     /// How far the step between two poses is off the true one, metres and radians; nothing where an odometry does not track.
@@ -116,6 +129,7 @@ impl Monitor {
         swaps.doubled = self.doubled;
         swaps.odometry_cuts.clone_from(&self.cuts);
         swaps.elsewhere_m = self.elsewhere_m;
+        swaps.long_gaps.clone_from(&self.long_gaps);
         swaps.longest_gap_ms = self.gap_ns as f64 * 1e-6;
     }
 }
