@@ -1,5 +1,6 @@
 //! The instance that leads beside its shadow.
 
+use std::io::Write as _;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -223,7 +224,8 @@ impl Display {
         if self.bar.is_hidden() {
             let [first, second] = comparison.measures.labels;
             let [a, b] = last.deviation;
-            tracing::info!("frame {}: {first} {a:.3}, {second} {b:.3}", last.seq);
+            // Nobody reads it where it is closed.
+            let _ = writeln!(std::io::stderr(), "frame {}: {first} {a:.3}, {second} {b:.3}", last.seq);
         } else {
             self.bar.set_message(comparison.table());
         }
