@@ -3,10 +3,12 @@
 
 mod common;
 
+use std::time::Duration;
+
 use common::{Bench, pose, publish_scan};
 use evac_ports::services::{OdometryPose, ScanDeskewed};
-use evac_ports::{FramePublisher, RecordPublisher};
-use evac_stage::joins::{JoinOptions, ScanPoseJoin};
+use evac_ports::{FramePublisher, RecordPublisher, now_ns};
+use evac_stage::joins::{Join as _, JoinOptions, ScanPoseJoin};
 
 struct Setup {
     bench: Bench,
@@ -57,6 +59,23 @@ fn a_scan_waits_for_the_pose_of_its_own_number() {
     assert_eq!(setup.handle(&mut join), [2]);
     let input = setup.bench.reporter.input;
     assert_eq!((input.lost, input.late), (0, 0));
+}
+
+#[test]
+fn a_pose_wakes_the_mapper_and_where_its_scan_is_still_under_way_it_looks_again_at_once() {
+    let mut setup = Setup::new();
+    let (mut join, listeners) = ScanPoseJoin::open(&setup.bench.bus, JoinOptions::new(false, true)).unwrap();
+    assert_eq!(listeners.len(), 1, "a scan without its pose wakes nobody");
+    setup.scans([0]);
+    assert_eq!(setup.handle(&mut join), [0; 0]);
+    assert_eq!(join.deadline_ns(), None);
+    setup.poses([0, 1]);
+    listeners[0].wait(Duration::from_secs(3600)).unwrap();
+    assert_eq!(setup.handle(&mut join), [0]);
+    assert!(join.deadline_ns().is_some_and(|at_ns| at_ns <= now_ns()));
+    setup.scans([1]);
+    assert_eq!(setup.handle(&mut join), [1]);
+    assert_eq!(join.deadline_ns(), None);
 }
 
 #[test]

@@ -91,7 +91,7 @@ pub trait Join: Sized {
         Some(*frame)
     }
 
-    /// Host monotonic time at which `next` will go on without what has not come.
+    /// Host monotonic time at which to look again: `next` will go on without what has not come, or something may have come that wakes nobody.
     fn deadline_ns(&self) -> Option<i64> {
         None
     }

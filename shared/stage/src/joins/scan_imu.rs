@@ -62,7 +62,10 @@ where
         if PRIOR {
             let (port, listener) = GatedRecords::open(bus)?;
             pose_port = Some(port);
-            listeners.push(listener);
+            // Live, a pose waits for the next scan; only who waits for the pose is woken by it.
+            if options.lossless {
+                listeners.push(listener);
+            }
         }
         let join = Self {
             scans,
