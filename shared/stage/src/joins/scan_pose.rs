@@ -51,23 +51,24 @@ impl Join for ScanPoseJoin {
     }
 
     fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
-        // Poses first: a pose is published after its scan, so the scan of every pose taken here is here too.
-        while let Some(pose) = self.poses.receive(&mut InputCounters::default())? {
-            reporter.received(pose.frame.sent_ns);
-            self.waiting.push_back(pose);
-            if self.waiting.len() > MAX_HELD {
-                // Its scan is counted when a later pose passes it by.
-                self.waiting.pop_front();
+        loop {
+            // Poses first: a pose is published after its scan, so of those that were taken here no scan is still on its way.
+            while self.waiting.len() < MAX_HELD
+                && let Some(pose) = self.poses.receive(&mut InputCounters::default())?
+            {
+                reporter.received(pose.frame.sent_ns);
+                self.waiting.push_back(pose);
+            }
+            // What there is no room for stays where it is.
+            while self.held.len() < MAX_HELD
+                && let Some(scan) = self.scans.receive(&mut reporter.input)?
+            {
+                self.held.push_back(scan);
+            }
+            if !self.pass_by(reporter) {
+                return Ok(());
             }
         }
-        while let Some(scan) = self.scans.receive(&mut reporter.input)? {
-            self.held.push_back(scan);
-            if self.held.len() > MAX_HELD {
-                self.held.pop_front();
-                reporter.input.lost += 1;
-            }
-        }
-        Ok(())
     }
 
     fn next<R>(
@@ -75,22 +76,36 @@ impl Join for ScanPoseJoin {
         reporter: &mut Reporter,
         process: impl FnOnce(Self::Frame<'_>, &FrameHeader, &mut Reporter) -> R,
     ) -> Option<R> {
-        loop {
-            let (scan, pose) = (self.held.front()?, self.waiting.front()?);
-            let frame = scan.header().frame;
-            if frame.seq >= self.limit {
-                return None;
-            }
-            match pose.frame.seq.cmp(&frame.seq) {
-                std::cmp::Ordering::Equal => break,
-                // Its scan came before this stage did, or was lost and is counted.
-                std::cmp::Ordering::Less => self.waiting.pop_front().map(|_| ()),
-                // The odometry has passed this scan by: its pose was lost.
-                std::cmp::Ordering::Greater => self.held.pop_front().map(|_| reporter.input.late += 1),
-            };
+        self.pass_by(reporter);
+        let (scan, pose) = (self.held.front()?, self.waiting.front()?);
+        if scan.header().frame.seq >= self.limit || scan.header().frame.seq != pose.frame.seq {
+            return None;
         }
         let (scan, pose) = (self.held.pop_front()?, self.waiting.pop_front()?);
         let input = ScanWithPose { header: scan.header(), points: scan.items(), pose: &pose };
         Some(process(input, &pose.frame, reporter))
+    }
+}
+
+impl ScanPoseJoin {
+    /// Is done with what has no partner; whether there was any.
+    fn pass_by(&mut self, reporter: &mut Reporter) -> bool {
+        let mut passed = false;
+        while let (Some(scan), Some(pose)) = (self.held.front(), self.waiting.front()) {
+            let seq = scan.header().frame.seq;
+            if seq >= self.limit || seq == pose.frame.seq {
+                break;
+            }
+            passed = true;
+            if pose.frame.seq < seq {
+                // Its scan came before this stage did, or was lost and is counted.
+                self.waiting.pop_front();
+            } else {
+                // The odometry has passed this scan by: its pose was lost.
+                self.held.pop_front();
+                reporter.input.late += 1;
+            }
+        }
+        passed
     }
 }
