@@ -44,7 +44,8 @@ impl JoinOptions {
     }
 }
 
-/// Scans that a join may hold while it waits for their partners; below what the services let a subscriber borrow.
+/// Scans that a join may hold while it waits for their partners; below what the services let a subscriber borrow. Those after them
+/// wait in the port, which keeps 32.
 pub(crate) const MAX_HELD: usize = 20;
 
 /// Collects from several services what one call of a stage needs.
