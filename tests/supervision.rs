@@ -155,6 +155,28 @@ fn each_stage_that_is_killed_goes_on_by_itself_and_which_frames_it_cost_is_said(
 }
 
 #[test]
+fn an_odometry_that_is_started_again_twice_misses_nothing_from_before_its_death() {
+    let bench = Bench::new();
+    let file = pipeline(&bench, "mode = \"live\"", "live", "seed = 8\nlaps = 3");
+    let up = Running::start(bench.evac(["up", &file]));
+    for _ in 0..2 {
+        // More than there is in the history.
+        let before = wait_for_frames(&bench, 25)["stages"]["lio"].clone();
+        signal(&before["pid"], Signal::KILL);
+        let incident = wait_for_another(&bench, "lio", &before);
+        let reason = wait_for_frames(&bench, 5)["stages"]["lio"]["reason"].as_str().unwrap().to_owned();
+        let named = reason.strip_prefix("missing frames: ").unwrap_or_default();
+        let named = named.split(|c: char| !c.is_ascii_digit()).filter_map(|seq| seq.parse().ok());
+        for seq in named {
+            let last = incident["last_seq"].as_u64();
+            assert!(Some::<u64>(seq) >= last, "{reason}; {incident}");
+        }
+    }
+    up.signal(Signal::TERM);
+    up.end().expect_success();
+}
+
+#[test]
 fn a_producer_is_swapped_and_the_gap_is_stated() {
     let bench = Bench::new();
     let file = pipeline(&bench, "mode = \"live\"", "live", "seed = 5");

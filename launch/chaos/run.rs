@@ -158,9 +158,12 @@ impl<'a> Run<'a> {
             Stand::Broken(what) => self.violations.push(what),
         }
         self.faults.push(active.fault);
-        let is_mustered = self.muster.as_ref().is_some_and(VecDeque::is_empty);
-        let pause = Duration::from_millis(1000 + self.dice.below(3000));
-        self.next = Instant::now() + if is_mustered { SETTLE } else { pause };
+        let pause = match &self.muster {
+            Some(muster) if muster.is_empty() => SETTLE,
+            Some(_) => Duration::ZERO,
+            None => Duration::from_millis(1000 + self.dice.below(3000)),
+        };
+        self.next = Instant::now() + pause;
         None
     }
 

@@ -103,7 +103,7 @@ fn a_reader_that_missed_key_frames_asks_again_and_ends_with_the_same_map() {
     let mut reader = setup.reader();
     setup.map(0..10);
     reader.handle(&mut setup);
-    // It stalls: 32 are kept for it, and of these it holds 20.
+    // It stalls, and 32 are kept for it.
     setup.map(10..60);
     reader.handle(&mut setup);
     assert_eq!(reader.copy.seqs(), (0..10).collect::<Vec<_>>());
@@ -113,9 +113,9 @@ fn a_reader_that_missed_key_frames_asks_again_and_ends_with_the_same_map() {
     }
     reader.assert_same(&setup);
     assert_eq!(reader.snapshots(), 1);
-    // Of those that it held the changes are in the snapshot, and their frames are handed on before it.
-    assert_eq!(reader.copy.seqs()[10..], (41..70).collect::<Vec<_>>());
-    assert_eq!(setup.lost(), 31);
+    // The changes of these are in the snapshot, and their frames are handed on before it.
+    assert_eq!(reader.copy.seqs()[10..], (28..70).collect::<Vec<_>>());
+    assert_eq!(setup.lost(), 18);
 }
 
 #[test]
@@ -138,6 +138,26 @@ fn another_reader_s_old_snapshot_is_not_taken_where_updates_are_missing_after_it
     setup.map([60, 61]);
     slow.handle(&mut setup);
     assert_eq!(slow.snapshots(), 1);
+    slow.assert_same(&setup);
+}
+
+#[test]
+fn of_more_updates_than_are_held_until_a_snapshot_comes_no_frame_is_left_out() {
+    let mut setup = Setup::new();
+    let mut slow = setup.reader();
+    setup.map(0..10);
+    slow.handle(&mut setup);
+    // Another reader gets a snapshot of the map after frame 24.
+    setup.map(10..23);
+    let mut other = setup.reader();
+    setup.map([23]);
+    other.handle(&mut setup);
+    setup.map([24]);
+    // The slow one misses a key frame, 12. Of the 32 updates that are kept for it it holds those from 26 on; 25 is no key frame.
+    setup.map(25..46);
+    slow.handle(&mut setup);
+    assert_eq!(slow.copy.seqs(), (0..10).chain(14..46).collect::<Vec<_>>());
+    assert_eq!((slow.snapshots(), setup.lost()), (1, 4));
     slow.assert_same(&setup);
 }
 

@@ -1,5 +1,6 @@
 //! The map's stream: updates without a gap, or a snapshot and the updates after it.
 
+use std::cmp::Ordering;
 use std::collections::VecDeque;
 
 use evac_frames::{MapHeader, Route, Voxel, map_flags};
@@ -10,6 +11,8 @@ use super::MAX_HELD;
 use super::gated::GatedFrames;
 use crate::{MapMessage, Reporter};
 
+/// Messages whose frames are remembered while a snapshot is waited for.
+const MAX_COVERED: usize = 3 * MAX_HELD;
 /// Updates after which an unanswered request is made again: its mapper may have ended.
 const ASK_AGAIN: u64 = MAX_HELD as u64;
 /// Time after which one that resumes asks again, nanoseconds.
@@ -19,15 +22,16 @@ const RESUME_AGAIN_NS: i64 = 200_000_000;
 #[derive(Debug)]
 pub(crate) enum MapSample {
     Update(FrameSample<MapUpdate>),
-    /// An update whose changes come with the snapshot after it: its frame is handed on, and nothing of the map.
-    Covered(FrameSample<MapUpdate>),
+    /// An update without changes, or whose changes come with the snapshot after it: its frame is handed on, and nothing of the map.
+    Covered(MapHeader),
     Snapshot(FrameSample<MapSnapshot>),
 }
 
 impl MapSample {
     pub(crate) fn header(&self) -> &MapHeader {
         match self {
-            Self::Update(sample) | Self::Covered(sample) => sample.header(),
+            Self::Update(sample) => sample.header(),
+            Self::Covered(header) => header,
             Self::Snapshot(sample) => sample.header(),
         }
     }
@@ -76,7 +80,7 @@ pub(crate) struct MapStream {
     updates: GatedFrames<MapUpdate>,
     snapshots: FrameSubscriber<MapSnapshot>,
     request: RequestSender,
-    /// What was not handed on yet, in order; a snapshot only in front, or after what it covers.
+    /// What was not handed on yet, in order: of updates at most [`MAX_HELD`], of snapshots one, which no update is in front of.
     held: VecDeque<MapSample>,
     limit: u64,
     /// The map after the last message that was handed on; `None` before the first.
@@ -95,7 +99,7 @@ impl MapStream {
             updates,
             snapshots,
             request: RequestSender::open(bus, SNAPSHOT_REQUEST)?,
-            held: VecDeque::with_capacity(MAX_HELD + 2),
+            held: VecDeque::with_capacity(MAX_COVERED + MAX_HELD + 2),
             limit: u64::MAX,
             known: None,
             resuming: None,
@@ -148,10 +152,7 @@ impl MapStream {
         {
             reporter.received(update.header().frame.sent_ns);
             self.held.push_back(MapSample::Update(update));
-            if self.held.len() > MAX_HELD {
-                self.held.pop_front();
-                reporter.input.lost += u64::from(self.known.is_some());
-            }
+            self.let_go(reporter);
         }
         snapshots.into_iter().for_each(|snapshot| self.offer(snapshot));
         self.ask_if_needed()
@@ -161,14 +162,31 @@ impl MapStream {
     pub(crate) fn next(&mut self) -> Option<MapSample> {
         self.front().filter(|sample| sample.seq() < self.limit)?;
         let sample = self.held.pop_front()?;
-        self.known = Some(Revision::after(sample.header()));
-        self.resuming = None;
+        if !matches!(sample, MapSample::Covered(_)) {
+            self.known = Some(Revision::after(sample.header()));
+            self.resuming = None;
+        }
         Some(sample)
+    }
+
+    /// Lets go of the oldest update where too many are held, as a snapshot is waited for; its frame is remembered.
+    fn let_go(&mut self, reporter: &mut Reporter) {
+        let is_update = |sample: &MapSample| matches!(sample, MapSample::Update(_));
+        if self.held.iter().filter(|sample| is_update(sample)).count() > MAX_HELD
+            && let Some(oldest) = self.held.iter_mut().find(|sample| is_update(sample))
+        {
+            *oldest = MapSample::Covered(*oldest.header());
+        }
+        if self.held.len() > MAX_COVERED + MAX_HELD {
+            self.held.pop_front();
+            reporter.input.lost += u64::from(self.known.is_some());
+        }
     }
 
     /// Whether the first held message can be handed on, if there is one.
     fn is_in_step(&self) -> bool {
-        let Some(MapSample::Update(update)) = self.held.front() else { return true };
+        let first = self.held.iter().find(|sample| !matches!(sample, MapSample::Covered(_)));
+        let Some(MapSample::Update(update)) = first else { return true };
         let before = Revision::before(update.header());
         self.known.map_or(before.key_frames == 0, |known| known == before)
     }
@@ -180,7 +198,11 @@ impl MapStream {
         }
         let header = *snapshot.header();
         let same_map = |newest: &MapSample| newest.header().map_epoch == header.map_epoch;
-        let joins = match self.held.iter().find(|update| update.seq() > header.frame.seq) {
+        let next = self
+            .held
+            .iter()
+            .find(|sample| sample.seq() > header.frame.seq && !matches!(sample, MapSample::Covered(_)));
+        let joins = match next {
             Some(next) => Revision::before(next.header()) == Revision::after(&header),
             None => self.held.back().map_or(self.resuming.is_some(), same_map),
         };
@@ -189,21 +211,21 @@ impl MapStream {
         if !joins {
             return;
         }
-        let later = self.held.iter().position(|update| update.seq() > header.frame.seq);
-        let mut later = self.held.split_off(later.unwrap_or(self.held.len()));
+        let mut snapshot = Some(MapSample::Snapshot(snapshot));
         for sample in std::mem::take(&mut self.held) {
-            match sample {
+            match sample.seq().cmp(&header.frame.seq) {
                 // A late joiner has no use for what was before.
-                MapSample::Update(update) | MapSample::Covered(update)
-                    if self.known.is_some() && update.header().frame.seq < header.frame.seq =>
-                {
-                    self.held.push_back(MapSample::Covered(update));
+                Ordering::Less if self.known.is_some() && !sample.is_snapshot() => {
+                    self.held.push_back(MapSample::Covered(*sample.header()));
                 }
-                _ => {}
+                Ordering::Less | Ordering::Equal => {}
+                Ordering::Greater => {
+                    self.held.extend(snapshot.take());
+                    self.held.push_back(sample);
+                }
             }
         }
-        self.held.push_back(MapSample::Snapshot(snapshot));
-        self.held.append(&mut later);
+        self.held.extend(snapshot);
     }
 
     fn ask_if_needed(&mut self) -> Result<(), PortError> {
