@@ -36,7 +36,7 @@ const PATIENCE: Duration = Duration::from_secs(600);
 /// Times of one stage, nanoseconds.
 #[derive(Debug, Default)]
 struct Stage {
-    newest: Option<Trace>,
+    traces: Vec<Trace>,
     usual: Vec<i64>,
     across: Vec<i64>,
     lost: u64,
@@ -44,13 +44,16 @@ struct Stage {
 }
 
 impl Stage {
-    fn take(&mut self, trace: &Trace) {
-        let Some(before) = self.newest.replace(*trace) else { return };
-        let gap_ns = trace.done_ns - before.done_ns;
-        let gaps = if trace.epoch == before.epoch { &mut self.usual } else { &mut self.across };
-        gaps.push(gap_ns);
-        self.lost += trace.seq.saturating_sub(before.seq + 1);
-        self.doubled += u64::from(trace.seq <= before.seq);
+    /// In the order of frames: what two instances say may be read in another one.
+    fn finish(&mut self) {
+        self.traces.sort_by_key(|trace| (trace.seq, trace.epoch));
+        for pair in self.traces.windows(2) {
+            let [before, trace] = pair else { continue };
+            let gaps = if trace.epoch == before.epoch { &mut self.usual } else { &mut self.across };
+            gaps.push(trace.done_ns - before.done_ns);
+            self.lost += trace.seq.saturating_sub(before.seq + 1);
+            self.doubled += u64::from(trace.seq == before.seq);
+        }
     }
 }
 
@@ -68,7 +71,7 @@ fn main() -> anyhow::Result<()> {
         if trace.seq < left_out || !STAGES.contains(&name.as_str()) {
             return Ok(false);
         }
-        stages.entry(name).or_default().take(trace);
+        stages.entry(name).or_default().traces.push(*trace);
         let swapped = swapped.get_or_insert_with(|| start_swapping(&domain, rounds));
         if last.is_none()
             && let Ok(all) = swapped.try_recv()
@@ -80,6 +83,7 @@ fn main() -> anyhow::Result<()> {
     // Leaves the domain before the launcher removes it.
     drop(traces);
     drop(running);
+    stages.values_mut().for_each(Stage::finish);
     report(&stages, &durations)
 }
 
