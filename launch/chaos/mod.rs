@@ -30,8 +30,9 @@ use crate::finite::{create_folder, set, write_pipeline};
 use crate::supervisor::Supervisor;
 
 const PIPELINE: &str = include_str!("../pipelines/simulated.toml");
-/// Frames without output after which a stage hangs here: two seconds.
-const HANG_FRAMES: u64 = 20;
+/// Frames without output after which a stage hangs here: more than the 32 that are kept for a reader, so that a writer which waited for
+/// one that is stopped would be seen to.
+const HANG_FRAMES: u64 = 60;
 /// Of the map saver's cloud.
 const CLOUD_POINTS: i64 = 200_000;
 

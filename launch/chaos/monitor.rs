@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use crate::incidents::Incident;
 
-/// A producer that says nothing for longer than this stalls, milliseconds; its period is 100 in real time.
-pub(super) const STALL_MS: f64 = 1500.0;
+/// A producer that says nothing for longer than this stalls, milliseconds; its period is 100 in real time. One that waited for a stopped
+/// reader would from its 32nd frame to the 60th (`HANG_FRAMES`), 2.8 s.
+pub(super) const STALL_MS: f64 = 2500.0;
 
 /// Follows the producer and the sinks.
 #[derive(Debug)]
@@ -101,13 +102,18 @@ impl Seen {
         self.sinks.values().map(|sink| sink.next).min().unwrap_or(0)
     }
 
-    /// Frames that a sink does not have and no incident states.
+    /// Frames that a sink does not have and no incident states. A sink that was started again may first say once more what the dead one
+    /// had written down: what is missing next is its restart's, too.
     pub(super) fn unexplained(&self, incidents: &[Incident]) -> Vec<String> {
         let stated: Vec<_> = incidents.iter().filter_map(Incident::missing).collect();
         let is_stated = |seq: u64| stated.iter().any(|(first, last)| (*first..=*last).contains(&seq));
         let mut found = Vec::new();
         for (name, sink) in &self.sinks {
-            for (first, last) in &sink.gaps {
+            let repeats = |seq: u64| {
+                let of_sink = incidents.iter().filter(|incident| incident.stage == *name);
+                of_sink.filter_map(|incident| incident.resumed).any(|resumed| resumed.seq + 1 == seq)
+            };
+            for (first, last) in sink.gaps.iter().filter(|(first, _)| !repeats(*first)) {
                 let missing: Vec<_> = (*first..=*last).filter(|seq| !is_stated(*seq)).collect();
                 if let (Some(first), Some(last)) = (missing.first(), missing.last()) {
                     found.push(format!("{name} does not have frames {first} to {last} ({})", missing.len()));
@@ -143,6 +149,11 @@ mod tests {
         let mut incidents = crate::incidents::Incidents::default();
         incidents.add(Incident::new("lio", 0, String::new(), false, Some(4)));
         incidents.resumed("lio", crate::pulse::Beat { seq: 8, sent_ns: 0 });
+        assert_eq!(seen.unexplained(&incidents.newest), Vec::<String>::new());
+        // Frame 4 is said again by a saver that was started again.
+        let mut incidents = crate::incidents::Incidents::default();
+        incidents.add(Incident::new("saver", 0, String::new(), false, Some(3)));
+        incidents.resumed("saver", crate::pulse::Beat { seq: 4, sent_ns: 0 });
         assert_eq!(seen.unexplained(&incidents.newest), Vec::<String>::new());
     }
 }

@@ -71,16 +71,17 @@ impl Resources {
         let count = |what: &str, before: usize, now: usize, allowed: usize| {
             grown(what, before as f64, now as f64, allowed as f64)
         };
+        // Each reader of the map has one, the mapper's journal what is under way of it, and shared memory some snapshots.
+        let map = 10.0 * (self.saved_map_mib - before.saved_map_mib).max(0.0);
         [
             count("files in shared memory", before.shared_files, self.shared_files, 12),
-            // Map updates and snapshots are as large as what they say.
-            grown("MiB of shared memory", before.shared_mib, self.shared_mib, 32.0),
+            grown("MiB of shared memory", before.shared_mib, self.shared_mib, 32.0 + map),
             count("entries of the domain's folder", before.folder_entries, self.folder_entries, 24),
             count("descriptors of the launcher", before.launcher.descriptors, self.launcher.descriptors, 6),
             count("descriptors of the stages", before.stage_descriptors(), self.stage_descriptors(), 24),
             grown("MiB of the launcher", before.launcher.anonymous_mib, self.launcher.anonymous_mib, 4.0),
-            // Map, cloud and trajectories grow while the walk sees new places, and a little while it sees the old ones again.
-            grown("MiB of the stages", before.stage_mib(), self.stage_mib(), 64.0),
+            // Trajectories and buffers.
+            grown("MiB of the stages", before.stage_mib(), self.stage_mib(), 48.0 + map),
         ]
         .into_iter()
         .flatten()

@@ -177,6 +177,9 @@ impl<'a> Run<'a> {
             let is_known = |known: &Incident| known.stage == incident.stage && known.epoch == incident.epoch;
             if !self.incidents.iter().any(is_known) {
                 self.incidents.push(incident.clone());
+                if !incident.standby {
+                    self.dice.crashed(&incident.stage);
+                }
             }
         }
         self.bar.set_position(self.started.elapsed().as_secs());
