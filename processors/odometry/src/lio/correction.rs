@@ -3,7 +3,7 @@
 
 use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector};
 
-use super::degeneracy::Degeneracy;
+use super::degeneracy::{Degeneracy, OBSERVED};
 use super::deskew::Twist;
 use super::matching::{Known, Match, Search, Selected, associate, pose_row};
 use super::sections::{PoseCovariance, SectionId, Sections};
@@ -20,6 +20,12 @@ const PLANE_FLOOR: f64 = 0.003;
 const ANCHOR_SHARE: usize = 3;
 /// The present section must have one match in so many for its residuals to count.
 const RESIDUAL_SHARE: usize = 10;
+/// Position less certain than this, metres (standard deviation): see [`Information::cut`].
+const DARK: f64 = 0.2;
+/// Directions that a blank wall leaves open.
+const BLANK: usize = 2;
+/// Distance at which a rotation counts like a displacement, metres.
+const LEVER: f64 = 5.0;
 /// Iterations after the last association.
 const REFINEMENTS: usize = 2;
 
@@ -31,6 +37,8 @@ pub(crate) struct Gate {
     /// Standard deviation added in each association, metres, one association each: a wide one finds the way to the map
     /// after a loss, and what it let in wrongly goes out again with the narrower ones after it.
     pub(crate) floors: &'static [f64],
+    /// A pose that is very uncertain does not believe what little a blank wall shows of the directions along it.
+    pub(crate) doubts_walls: bool,
 }
 
 /// Information of a frame about the measured part of the error.
@@ -99,6 +107,9 @@ pub(crate) fn correct(
     let p_measured: SMatrix<f64, MEASURED, MEASURED> = p_columns.fixed_rows::<MEASURED>(0).into_owned();
     let mut report = Report { selected: selected.len(), ..Report::default() };
     let predicted: PoseCovariance = p_measured.fixed_view::<6, 6>(0, 0).into_owned();
+    let is_dark = gate.doubts_walls
+        && predicted.fixed_view::<3, 3>(at::POSITION, at::POSITION).symmetric_eigenvalues().max().sqrt()
+            > DARK;
     let mut d = Error::zeros();
     let mut gain = None;
     for iteration in 0..gate.floors.len() + REFINEMENTS {
@@ -112,7 +123,10 @@ pub(crate) fn correct(
             };
             report.in_view = associate(known, selected, &here, &search, matches);
         }
-        let information = accumulate(matches, &here, twist, known.sections);
+        let mut information = accumulate(matches, &here, twist, known.sections);
+        if is_dark {
+            information.cut();
+        }
         report.anchor = information.anchor;
         report.used = matches.len();
         // A handful of points says nothing about how well the whole fits.
@@ -193,6 +207,29 @@ fn sum_of(matches: &[Match], state: &State, twist: &Twist) -> Information {
 }
 
 impl Information {
+    /// Before a blank wall takes out the directions that are not observed, in position and in rotation: the little there is of them is
+    /// false as often as not (a plane laid across an edge), and an uncertain pose would believe it.
+    fn cut(&mut self) {
+        for (index, least) in [(at::POSITION, OBSERVED), (at::ROTATION, OBSERVED * LEVER.powi(2))] {
+            let eigen = self.matrix.fixed_view::<3, 3>(index, index).into_owned().symmetric_eigen();
+            if index == at::POSITION
+                && eigen.eigenvalues.iter().filter(|value| **value < least).count() < BLANK
+            {
+                return;
+            }
+            for (axis, value) in eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter()) {
+                if *value >= least {
+                    continue;
+                }
+                let mut direction = SVector::<f64, MEASURED>::zeros();
+                direction.fixed_rows_mut::<3>(index).copy_from(&axis);
+                let kept = Measured::identity() - direction * direction.transpose();
+                self.matrix = kept * self.matrix * kept;
+                self.vector = kept * self.vector;
+            }
+        }
+    }
+
     fn observes_position(&self) -> bool {
         let position: Matrix3<f64> = self.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
         Degeneracy::of(&position).count == 0
@@ -251,7 +288,7 @@ mod tests {
         state: &mut State,
         covariance: &mut Covariance,
     ) -> Report {
-        let gate = Gate { range_noise: 0.02, floors: &[0.0; 2] };
+        let gate = Gate { range_noise: 0.02, floors: &[0.0; 2], doubts_walls: true };
         let known = Known { map, sections };
         correct(&known, selected, state, covariance, &Twist::default(), &gate, &mut Vec::new())
     }
@@ -284,5 +321,26 @@ mod tests {
         assert!(state.position.yz().norm() < 1e-3, "{:?}", state.position);
         let sigma = |i: usize| covariance[(at::POSITION + i, at::POSITION + i)].sqrt();
         assert!(sigma(0) < 0.02 && sigma(1) > 0.09 && sigma(2) > 0.09);
+    }
+
+    #[test]
+    fn one_who_does_not_know_where_he_is_does_not_believe_the_little_that_is_seen_along_a_wall() {
+        let (mut map, mut selected) = wall(Vector3::zeros());
+        for i in 0..2000 {
+            let noise = if i % 2 == 0 { 0.005 } else { -0.005 };
+            let (x, z) = (1.0 + f64::from(i % 50) * 0.01, f64::from(i / 50) * 0.02);
+            map.insert(&Vector3::new(x, 0.6 + noise, z), &Vector3::x());
+        }
+        // One point of a thousand seems to see the wall at the side, 2 cm off.
+        selected.push(select(&Isometry3::identity(), &Vector3::new(1.2, 0.58, 0.3)));
+        let along = |sigma: f64| {
+            let mut state = State::at_origin();
+            let mut covariance = Covariance::zeros();
+            add_variance(&mut covariance, at::POSITION, sigma * sigma);
+            matched(&(map.clone(), selected.clone()), &Sections::new(), &mut state, &mut covariance);
+            state.position.y.abs()
+        };
+        assert!(along(0.1) > 0.003, "{}", along(0.1));
+        assert!(along(0.5) < 1e-6, "{}", along(0.5));
     }
 }

@@ -67,6 +67,7 @@ impl Standby for Lio {
     }
 
     fn take_over(&mut self, routed: &PoseFrame) {
+        self.approach.restart();
         let Some(filter) = &mut self.filter else { return };
         let state = &mut filter.state;
         state.rotation = map_from_imu(routed).rotation;

@@ -44,6 +44,8 @@ impl Lio {
             degenerate,
             returning: filter.returning > 0,
             after_gap: gap_s > MAX_STEP_S,
+            position_sigma: filter.position_sigma(),
+            is_blank: filter.degeneracy.count > 1,
             range_m: ranges.sum::<f64>() / self.points.len().div_ceil(RANGE_STRIDE).max(1) as f64,
         };
         filter.returning = filter.returning.saturating_sub(1);

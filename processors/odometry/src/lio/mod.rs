@@ -9,6 +9,7 @@
 //! Mathematics: iterated error-state Kalman filter after Xu et al. 2022 (FAST-LIO2), voxel planes with their uncertainty
 //! after Yuan et al. 2022 (VoxelMap), in the information form of [`correction`] that inverts neither prior nor information.
 
+mod approach;
 mod cell;
 mod config;
 mod correction;

@@ -71,12 +71,19 @@ impl Lio {
             self.search_offset(&mut filter, &scout, &report, &input.header.frame);
         }
         filter.rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
-        counters.degraded += u64::from(tracking == TrackingState::Lost);
         let frame = &input.header.frame;
-        let pose = match tracking {
-            TrackingState::Initialising => filter.settling_pose(frame, &self.imu_from_lidar, &report),
-            _ => filter.published(frame, &self.imu_from_lidar, &report, tracking),
+        let pose = if tracking == TrackingState::Initialising {
+            self.approach.restart();
+            filter.settling_pose(frame, &self.imu_from_lidar, &report)
+        } else {
+            let mut pose = filter.published(frame, &self.imu_from_lidar, &report, tracking);
+            let moved = predicted.0.position - before.0.position;
+            if self.approach.limit(&mut pose, &moved, &self.imu_from_lidar) {
+                pose.state = TrackingState::Lost as u32;
+            }
+            pose
         };
+        counters.degraded += u64::from(pose.state == TrackingState::Lost as u32);
         self.filter = Some(filter);
         pose
     }
@@ -85,6 +92,7 @@ impl Lio {
     fn correct(&mut self, filter: &mut Filter, middle: &Middle, is_led: bool) -> Report {
         let gate = Gate {
             range_noise: self.config.range_noise_m,
+            doubts_walls: !filter.monitor.is_lost() && !is_led,
             floors: match (filter.settling, filter.monitor.is_lost() || is_led) {
                 (Some(_), _) => SETTLING_GATE,
                 (None, true) => LOST_GATE,
