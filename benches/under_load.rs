@@ -6,28 +6,30 @@ mod pipeline;
 #[path = "support/plot.rs"]
 mod plot;
 mod support;
+#[path = "support/traces.rs"]
+mod traces;
 
-use std::ops::ControlFlow;
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context as _, anyhow};
+use anyhow::Context as _;
 use evac_frames::Health;
-use evac_picture::{LineChart, Panel, Series, Stroke};
-use evac_ports::services::{FrameTrace, HealthStatus};
-use evac_ports::{Bus, Domain, RecordSubscriber, Wake, now_ns, quiet_middleware, wait_on};
+use evac_picture::LineChart;
+use evac_ports::services::HealthStatus;
+use evac_ports::{Bus, Domain, RecordSubscriber, quiet_middleware};
 
 use crate::pipeline::{EVAC, Running};
-use crate::plot::plot;
+use crate::plot::{distributions, plot};
 use crate::support::{Distribution, is_trial, print_heading};
+use crate::traces::Traces;
 
 /// Stages whose end of a frame is of interest.
 const ENDS: [(&str, &str); 2] = [("lio", "pose"), ("grid_exporter", "plan")];
 /// Frames that are left out: the walker stands.
 const LEFT_OUT: u64 = 40;
-const PATIENCE_NS: i64 = 60_000_000_000;
+const PATIENCE: Duration = Duration::from_secs(60);
 /// What a stage gets by `chrt`: above all that is not real-time.
 const PRIORITY: &str = "10";
 
@@ -57,26 +59,17 @@ fn main() -> anyhow::Result<()> {
     print_heading("from a scan's last byte");
     let mut panels = Vec::new();
     for (index, (_, end)) in ENDS.iter().enumerate() {
-        let mut series = Vec::new();
-        for (number, (name, times)) in results.iter().enumerate() {
+        let mut shown = Vec::new();
+        for (name, times) in &results {
             let mut distribution = Distribution::default();
             times[index].iter().for_each(|ns| distribution.record(*ns));
             if let Some(summary) = distribution.summary() {
                 println!("{:<34} {summary}", format!("to the {end}, {name}"));
             }
-            let mut sorted: Vec<_> =
-                times[index].iter().map(|ns| (*ns as f64 * 1e-6).max(1e-3).log10()).collect();
-            sorted.sort_by(f64::total_cmp);
-            let count = sorted.len() as f64;
-            let shares = sorted.iter().enumerate().map(|(i, ms)| [*ms, (i + 1) as f64 / count]).collect();
-            series.push(Series::line(*name, Stroke::nth(number), shares));
+            let logarithms = times[index].iter().map(|ns| (*ns as f64 * 1e-6).max(1e-3).log10());
+            shown.push((*name, logarithms.collect()));
         }
-        panels.push(Panel {
-            y_label: format!("share of frames, to the {end}"),
-            y_range: Some([0.0, 1.0]),
-            series,
-            ..Panel::default()
-        });
+        panels.push(distributions(format!("share of frames, to the {end}"), shown));
     }
     let title = "From a scan's last byte to its pose and to the plan".to_owned();
     plot("under_load", &LineChart { title, x_label: "log10 of ms".to_owned(), panels })?;
@@ -86,45 +79,30 @@ fn main() -> anyhow::Result<()> {
 /// Latencies of the frames of a walk to each end, nanoseconds; none where priorities cannot be given.
 fn walk(load: Load, frames: usize) -> anyhow::Result<Option<[Vec<i64>; 2]>> {
     let domain = Domain::new(&format!("bench-load-{}", std::process::id()))?;
-    let bus = Bus::join(&domain, "bench")?;
-    let (traces, listener) = RecordSubscriber::<FrameTrace>::open(&bus)?;
+    let traces = Traces::open(&domain)?;
     let running = Running::start(domain)?;
     let (mut times, mut begins, mut spinners) = ([Vec::new(), Vec::new()], None, None);
     let mut refused = false;
-    let started_ns = now_ns();
-    let mut look = || -> anyhow::Result<bool> {
-        while let Some(trace) = traces.receive()? {
-            // The load comes when everything runs, and what was under way by then is left out.
-            if begins.is_none() && trace.seq >= if is_trial() { 5 } else { LEFT_OUT } {
-                if load == Load::BusyRealTime && !prioritise(&running)? {
-                    refused = true;
-                    return Ok(true);
-                }
-                spinners = (load != Load::None).then(Spinners::start);
-                begins = Some(trace.seq + 5);
+    traces.follow(PATIENCE + Duration::from_millis(500) * frames as u32, |trace| {
+        // The load comes when everything runs, and what was under way by then is left out.
+        if begins.is_none() && trace.seq >= if is_trial() { 5 } else { LEFT_OUT } {
+            if load == Load::BusyRealTime && !prioritise(&running)? {
+                refused = true;
+                return Ok(true);
             }
-            let name = Health::text_of(&trace.name);
-            let end = ENDS.iter().position(|(stage, _)| *stage == name);
-            if let Some(end) = end.filter(|_| begins.is_some_and(|begin| trace.seq >= begin)) {
-                times[end].push(trace.done_ns - trace.arrival_ns);
-            }
+            spinners = (load != Load::None).then(Spinners::start);
+            begins = Some(trace.seq + 5);
         }
-        anyhow::ensure!(
-            now_ns() - started_ns < PATIENCE_NS + frames as i64 * 500_000_000,
-            "frames do not come"
-        );
+        let name = Health::text_of(&trace.name);
+        let end = ENDS.iter().position(|(stage, _)| *stage == name);
+        if let Some(end) = end.filter(|_| begins.is_some_and(|begin| trace.seq >= begin)) {
+            times[end].push(trace.done_ns - trace.arrival_ns);
+        }
         Ok(times.iter().all(|times| times.len() >= frames))
-    };
-    wait_on(&[listener], |wake| match (wake, look()) {
-        (Wake::Stop, _) => ControlFlow::Break(Err(anyhow!("interrupted"))),
-        (_, Err(error)) => ControlFlow::Break(Err(error)),
-        (_, Ok(true)) => ControlFlow::Break(Ok(())),
-        (_, Ok(false)) => ControlFlow::Continue(Duration::from_secs(1)),
-    })??;
+    })?;
     drop(spinners);
     // Leaves the domain before the launcher removes it.
     drop(traces);
-    drop(bus);
     drop(running);
     Ok((!refused).then_some(times))
 }
@@ -178,8 +156,9 @@ fn starts() -> anyhow::Result<()> {
     let bus = Bus::join(&domain, "bench")?;
     let (health, listener) = RecordSubscriber::<HealthStatus>::open(&bus)?;
     print_heading("from a stage's start to its first report");
+    let mut shown = Vec::new();
     for kind in ["deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"] {
-        let mut times = Distribution::default();
+        let (mut times, mut milliseconds) = (Distribution::default(), Vec::new());
         for _ in 0..if is_trial() { 1 } else { 20 } {
             let started = Instant::now();
             let child = Command::new(EVAC).args(["stage", kind, "--domain", domain.name()]).spawn()?;
@@ -197,13 +176,18 @@ fn starts() -> anyhow::Result<()> {
                 anyhow::ensure!(stage.0.try_wait()?.is_none(), "the stage {kind} has ended");
                 listener.wait(Duration::from_secs(1))?;
             }
-            times.record(started.elapsed().as_nanos() as i64);
+            let elapsed = started.elapsed();
+            times.record(elapsed.as_nanos() as i64);
+            milliseconds.push(elapsed.as_secs_f64() * 1e3);
         }
         if let Some(summary) = times.summary() {
             println!("{kind:<34} {summary}");
         }
+        shown.push((kind, milliseconds));
     }
-    Ok(())
+    let title = "From a stage's start until all its ports are open".to_owned();
+    let panels = vec![distributions("share of starts", shown)];
+    plot("stage_start", &LineChart { title, x_label: "ms".to_owned(), panels })
 }
 
 /// A stage by itself; dropping it ends it.

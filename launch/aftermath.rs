@@ -7,7 +7,7 @@ use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use evac_formats::write_atomically;
+use evac_formats::write_for_this_boot;
 use evac_ports::Domain;
 use rustix::process::{Pid, Signal, kill_process_group, test_kill_process};
 use serde::{Deserialize, Serialize};
@@ -49,7 +49,7 @@ impl Roll {
             .collect();
         let json = serde_json::to_vec(&entries).unwrap_or_default();
         let file = domain.folder().join(FILE);
-        if let Err(cause) = write_atomically(&file, |writer| std::io::Write::write_all(writer, &json)) {
+        if let Err(cause) = write_for_this_boot(&file, |writer| std::io::Write::write_all(writer, &json)) {
             tracing::warn!(%cause, "the next launcher will not know this one's stages");
         }
     }

@@ -3,9 +3,11 @@
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child as Process, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, Ordering};
 
 use evac_config::StageEntry;
-use evac_ports::{Domain, Ringer};
+use evac_ports::{Domain, Ringer, now_ns};
 use evac_stage::LogOptions;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
@@ -20,6 +22,8 @@ pub(crate) struct Child {
     pub(crate) epoch: u32,
     process: Process,
     pub(crate) ended: Option<ExitStatus>,
+    /// Host monotonic time of its end, 0 before: seen by the thread that waits for it.
+    died_ns: Arc<AtomicI64>,
     /// It has reported itself, and was told the routes then.
     pub(crate) greeted: bool,
     /// Why it was killed, where it hung.
@@ -100,15 +104,25 @@ impl Child {
             ))
         })?;
         tracing::debug!(stage = entry.name(), epoch, pid = process.id(), "started");
-        ring_at_end(process.id(), around.ringer.clone());
+        let died_ns = Arc::new(AtomicI64::new(0));
+        ring_at_end(process.id(), around.ringer.clone(), died_ns.clone());
         if let Some(to_child) = process.stdin.take() {
             hand_on_lines(to_child);
         }
-        Ok(Self { name: entry.name().to_owned(), epoch, process, ended: None, greeted: false, hung: None })
+        let name = entry.name().to_owned();
+        Ok(Self { name, epoch, process, ended: None, died_ns, greeted: false, hung: None })
     }
 
     pub(crate) fn pid(&self) -> u32 {
         self.process.id()
+    }
+
+    /// Host monotonic time of its end; now where nobody has seen it.
+    pub(crate) fn died_ns(&self) -> i64 {
+        match self.died_ns.load(Ordering::Relaxed) {
+            0 => now_ns(),
+            seen => seen,
+        }
     }
 
     /// Takes note of its end. What it has started itself (a stage may be a script) ends with it.
@@ -167,11 +181,12 @@ impl Child {
 }
 
 /// Rings when the child has ended, and leaves it for the launcher to take note of.
-fn ring_at_end(pid: u32, ringer: Ringer) {
+fn ring_at_end(pid: u32, ringer: Ringer, died_ns: Arc<AtomicI64>) {
     let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) else { return };
     let watch = move || {
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT;
         while matches!(waitid(WaitId::Pid(pid), options), Err(rustix::io::Errno::INTR)) {}
+        died_ns.store(now_ns(), Ordering::Relaxed);
         ringer.ring();
     };
     // Without the thread its end is seen a fraction of a second later.

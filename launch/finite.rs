@@ -196,9 +196,13 @@ pub(crate) fn set(pipeline: &mut Pipeline, stage: &str, key: &str, value: Value)
 
 /// Writes a pipeline file, whole or not at all.
 pub(crate) fn write_pipeline(file: &Path, pipeline: &Pipeline) -> Result<(), LaunchError> {
-    let text = toml::to_string(pipeline)
-        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))?;
+    let text = pipeline_text(pipeline)?;
     Ok(write_atomically(file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?)
+}
+
+pub(crate) fn pipeline_text(pipeline: &Pipeline) -> Result<String, LaunchError> {
+    toml::to_string(pipeline)
+        .map_err(|cause| LaunchError::Path(format!("the pipeline cannot be written: {cause}")))
 }
 
 pub(crate) fn create_folder(folder: &Path) -> Result<(), LaunchError> {

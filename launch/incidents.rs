@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use evac_formats::write_atomically;
+use evac_formats::write_for_this_boot;
 use evac_ports::Domain;
 use serde::{Deserialize, Serialize};
 
@@ -26,7 +26,7 @@ pub(crate) struct Incident {
     /// The first new frame of the next instance, and how long after the death it came, milliseconds.
     pub(crate) resumed: Option<Resumed>,
     /// Host monotonic time of the death.
-    died_ns: i64,
+    pub(crate) died_ns: i64,
 }
 
 /// How a stage went on.
@@ -129,7 +129,7 @@ impl Incidents {
     fn write(&self) {
         let Some(file) = &self.file else { return };
         let written = serde_json::to_vec(self).map_err(|cause| cause.to_string()).and_then(|json| {
-            write_atomically(file, |writer| std::io::Write::write_all(writer, &json))
+            write_for_this_boot(file, |writer| std::io::Write::write_all(writer, &json))
                 .map_err(|cause| cause.to_string())
         });
         // It is in the log; a full disk is no reason to stop.

@@ -28,6 +28,7 @@ mod registry;
 mod restart;
 mod services;
 mod shadow;
+mod silence;
 mod slot;
 mod status;
 mod summary;

@@ -44,6 +44,11 @@ pub(crate) fn bar(count: u64, unit: &str) -> ProgressBar {
     styled(Some(count), &format!("[{{bar:40}}] {{pos}}/{{len}} {unit}, {{eta}} left"))
 }
 
+/// Lines that are written again in place on a terminal (set as the message); hidden elsewhere.
+pub(crate) fn text() -> ProgressBar {
+    styled(None, "{msg}")
+}
+
 fn styled(count: Option<u64>, template: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(count, ProgressDrawTarget::stderr_with_hz(10));
     if let Ok(style) = ProgressStyle::with_template(template) {

@@ -35,8 +35,9 @@ pub(crate) struct Restarts {
     crashes: Vec<(usize, Instant)>,
     poses: RecordSubscriber<OdometryPose>,
     newest: VecDeque<PoseFrame>,
-    /// Opened when it is needed: by its publishers a recorder knows which services a stage writes.
-    again: Option<RecordPublisher<OdometryPose>>,
+    /// Says the poses of a dead odometry again, of the slot named. It is there until that one's stage has resumed, as what it keeps
+    /// for those who come later would be a gap to the next; and by its publishers a recorder knows which services a stage writes.
+    again: Option<(usize, RecordPublisher<OdometryPose>)>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -107,6 +108,9 @@ impl Supervisor {
     pub(crate) fn restart(&mut self) -> Result<(), LaunchError> {
         let Some(restarts) = &mut self.restarts else { return Ok(()) };
         restarts.take_in()?;
+        let is_open =
+            |slot: &usize| self.slots.get(*slot).is_some_and(|slot| self.incidents.open(slot.name()));
+        restarts.again.take_if(|(slot, _)| !is_open(slot));
         for restart in restarts.under_way.clone() {
             let done = self.carry_on(restart)?;
             let Some(restarts) = &mut self.restarts else { return Ok(()) };
@@ -141,10 +145,8 @@ impl Supervisor {
         if ODOMETRIES.contains(&entry.kind.as_str())
             && let Some(Restarts { newest, again, .. }) = &mut self.restarts
         {
-            let again = match again {
-                Some(again) => again,
-                None => again.insert(RecordPublisher::open(&self.bus)?),
-            };
+            // A new one each time, without what the one before has said.
+            let (_, again) = again.insert((restart.slot, RecordPublisher::open(&self.bus)?));
             for pose in newest.iter() {
                 again.publish(pose)?;
             }

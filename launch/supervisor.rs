@@ -25,6 +25,7 @@ use crate::pulse::{Pulse, Watch, line_of};
 use crate::registry::Role;
 use crate::restart::Restarts;
 use crate::shadow::Shadows;
+use crate::silence::Silence;
 use crate::slot::Slot;
 use crate::swap::Operation;
 
@@ -54,6 +55,7 @@ pub(crate) struct Supervisor {
     pub(crate) incidents: Incidents,
     pub(crate) pulse: Pulse,
     watch: Watch,
+    silence: Silence,
     roll: Roll,
     control: Server,
     acks: RecordSubscriber<SinkAck>,
@@ -61,6 +63,13 @@ pub(crate) struct Supervisor {
     pub(crate) bus: Bus,
     /// Dropped last: it removes what the domain left behind.
     _lock: DomainLock,
+}
+
+/// An instance that led.
+struct Dead {
+    epoch: u32,
+    cause: LaunchError,
+    died_ns: i64,
 }
 
 /// What a running pipeline is doing.
@@ -145,6 +154,7 @@ impl Supervisor {
             incidents: Incidents::of(domain),
             pulse: Pulse::open(&bus)?,
             watch: Watch::default(),
+            silence: Silence::default(),
             roll: Roll::default(),
             control: Server::start(domain, bell.ringer())?,
             acks,
@@ -200,7 +210,6 @@ impl Supervisor {
         for child in &mut self.children {
             child.look()?;
         }
-        self.roll.keep(&self.around.domain, &self.children);
         self.greet()?;
         self.feel_pulse()?;
         while let Some((request, mut reply)) = self.control.next() {
@@ -214,6 +223,8 @@ impl Supervisor {
         self.replace_dead()?;
         self.replace_producers()?;
         self.restart()?;
+        // After all that somebody waits for.
+        self.roll.keep(&self.around.domain, &self.children);
         // The stage that failed first is the cause; others may follow because of it.
         let mut leading =
             self.children.iter().filter(|child| self.leads(child) && !self.is_replacing(&child.name));
@@ -262,7 +273,10 @@ impl Supervisor {
             }
         }
         let after = self.pipeline.supervision.hang_after_frames;
-        let hung = self.watch.hung(&self.slots, &self.pulse, self.pipeline.mode, after)?;
+        let mut hung = self.watch.hung(&self.slots, &self.pulse, self.pipeline.mode, after)?;
+        if after > 0 {
+            hung.extend(self.silence.hung(&self.slots, &self.board));
+        }
         for (index, reason) in hung {
             let Some((name, epoch)) = self.slots.get(index).map(|slot| (slot.name().to_owned(), slot.epoch))
             else {
@@ -283,11 +297,9 @@ impl Supervisor {
     }
 
     /// Remembers that an instance that led has died.
-    fn note_death(&mut self, index: usize, cause: &LaunchError, standby: bool) {
+    fn note_death(&mut self, index: usize, dead: &Dead, standby: bool) {
         let Some(slot) = self.slots.get(index) else { return };
-        let epoch = self.children.iter().filter(|child| child.name == slot.name() && child.ended.is_some());
-        let epoch = epoch.map(|child| child.epoch).min().unwrap_or(slot.epoch);
-        let line = line_of(slot);
+        let (line, epoch) = (line_of(slot), dead.epoch);
         // One that never got as far as the instance before it has put out nothing new.
         let before = self.incidents.of_stage(slot.name()).next_back().and_then(|incident| incident.last_seq);
         let last_seq = line.as_ref().and_then(|line| self.pulse.newest(line, epoch)).max(before);
@@ -295,7 +307,8 @@ impl Supervisor {
             self.pulse.want(line.clone(), epoch, last_seq);
             self.pulse.forget(&line, epoch);
         }
-        self.incidents.add(Incident::new(slot.name(), epoch, cause.to_string(), standby, last_seq));
+        let incident = Incident::new(slot.name(), epoch, dead.cause.to_string(), standby, last_seq);
+        self.incidents.add(Incident { died_ns: dead.died_ns, ..incident });
     }
 
     /// Where the leading instance of a stage has died, a standby that is ready takes its place, or else it is started anew.
@@ -309,18 +322,21 @@ impl Supervisor {
                 .find(|child| child.name == slot.name() && self.leads(child) && died(child))
                 .filter(|child| !self.is_replacing(&child.name));
             let Some(dead) = dead else { continue };
-            let (name, old, cause) = (dead.name.clone(), dead.epoch, dead.failure());
+            let name = dead.name.clone();
+            let dead = Dead { epoch: dead.epoch, cause: dead.failure(), died_ns: dead.died_ns() };
+            let cause = &dead.cause;
             if let Some((epoch, pid)) = self.ready_standby(index) {
-                self.note_death(index, &cause, true);
+                // The word first: the standby waits for it, and nobody for what is written down.
                 self.say(index, |slot| slot.take_over(epoch))?;
+                self.note_death(index, &dead, true);
                 tracing::warn!(stage = name, %cause, epoch, pid, "the standby has taken over");
-                self.end(&name, old)?;
+                self.end(&name, dead.epoch)?;
                 self.board.lead(&name, epoch);
-            } else if self.plan_restart(index, (&name, old))? {
-                self.note_death(index, &cause, false);
+            } else if self.plan_restart(index, (&name, dead.epoch))? {
+                self.note_death(index, &dead, false);
                 tracing::warn!(stage = name, %cause, "is started again");
                 self.slots.iter_mut().skip(index).take(1).for_each(|slot| slot.restarts += 1);
-                self.end(&name, old)?;
+                self.end(&name, dead.epoch)?;
             }
         }
         // A standby that died is missed by nobody.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use evac_config::{Pipeline, StageEntry};
+use evac_formats::write_for_this_boot;
 use evac_frames::{Health, Route, StageState};
 use evac_recorder::Recorder;
 use evac_stage::Stage as _;
@@ -12,7 +13,7 @@ use rustix::process::Signal;
 use crate::child::Child;
 use crate::control::{Order, Outcome, Reply, Request};
 use crate::error::LaunchError;
-use crate::finite::write_pipeline;
+use crate::finite::pipeline_text;
 use crate::registry::{ODOMETRIES, kind};
 use crate::supervisor::Supervisor;
 
@@ -156,7 +157,8 @@ impl Supervisor {
             *place = entry.clone();
         }
         let file = self.around.domain.folder().join(format!("{}-{epoch}.toml", entry.name()));
-        write_pipeline(&file, &pipeline)?;
+        let text = pipeline_text(&pipeline)?;
+        write_for_this_boot(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
         Ok(file)
     }
 

@@ -165,3 +165,22 @@ fn the_robot_s_boot_script_starts_a_pipeline_and_sigterm_ends_it() {
     let ended = robot(wrong.to_str().unwrap()).end();
     assert_eq!(ended.code, 3, "{}", ended.stderr);
 }
+
+#[test]
+fn the_commands_of_the_systemd_unit_start_a_pipeline_and_sigterm_ends_it() {
+    let bench = Bench::new();
+    let file = pipeline(&bench);
+    let unit = include_str!("../launch/systemd/evac.service");
+    let command = |key: &str| {
+        let line = unit.lines().find_map(|line| line.strip_prefix(key)).unwrap();
+        let words = line.strip_prefix("/usr/local/bin/evac ").unwrap();
+        bench.evac(words.replace("/etc/evac/pipeline.toml", &file).split(' '))
+    };
+    Running::start(command("ExecStartPre=")).end().expect_success();
+    let running = Running::start(command("ExecStart="));
+    let pids = pids(&running_status(&bench, &file));
+    running.signal(Signal::TERM);
+    let ended = running.end().expect_success();
+    assert!(ended.stderr.lines().all(|line| serde_json::from_str::<Value>(line).is_ok()), "{}", ended.stderr);
+    assert_gone(&pids);
+}

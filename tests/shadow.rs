@@ -4,6 +4,8 @@
 mod common;
 #[path = "common/observer.rs"]
 mod observer;
+#[path = "common/terminal.rs"]
+mod terminal;
 #[path = "common/walk.rs"]
 mod walk;
 
@@ -15,6 +17,7 @@ use common::{Bench, Running, wait_for};
 use observer::{Heard, Observer, assert_gap_free};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use terminal::Terminal;
 use walk::{STAGES, pipeline, status, wait_for_frames};
 
 /// A live walk, running.
@@ -200,6 +203,37 @@ fn a_stage_and_its_shadow_are_compared_and_equal_ones_hardly_differ() {
     let off = json["deviation"]["position_mm"]["max"].as_f64().unwrap();
     // Two methods differ, but both are in one map frame.
     assert!(off > 0.0 && off < 1000.0, "{}", json["deviation"]);
+    up.signal(Signal::TERM);
+    up.end().expect_success();
+    assert_eq!(bench.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn on_a_terminal_the_comparison_is_one_table_that_is_written_again_in_place() {
+    let bench = Bench::new();
+    let up = start_walk(&bench, 10);
+    wait_for_frames(&bench, 5);
+    ask(&bench, ["shadow", "octree_mapper"]);
+    // In the second the lines of the table are longer than those of the terminal.
+    for columns in [100, 50] {
+        let compare = bench.evac(["compare", "octree_mapper", "--domain", bench.domain.name()]);
+        let mut terminal = Terminal::start(compare, (30, columns));
+        let frames = |screen: &str| {
+            let words: Vec<_> = screen.split_whitespace().collect();
+            let at = words.iter().position(|word| *word == "frames")?;
+            words[at - 1].parse::<u64>().ok()
+        };
+        let mut shown = 0;
+        for _ in 0..3 {
+            let screen = terminal.wait_for("the next table", |screen| frames(screen) > Some(shown));
+            shown = frames(&screen).unwrap();
+        }
+        let screen =
+            terminal.wait_for("a whole table", |screen| screen.contains("CPU (%), octree_mapper #1"));
+        assert_eq!(screen.matches(" beside ").count(), 1, "{columns} columns:\n{screen}");
+        terminal.signal(Signal::TERM);
+        assert_eq!(terminal.end(), 0);
+    }
     up.signal(Signal::TERM);
     up.end().expect_success();
     assert_eq!(bench.leftovers(), Vec::<String>::new());

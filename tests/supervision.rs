@@ -58,6 +58,27 @@ fn a_stage_that_hangs_is_started_again_and_status_and_log_say_why() {
     assert_eq!(bench.leftovers(), Vec::<String>::new());
 }
 
+#[test]
+fn a_producer_that_hangs_is_started_again_and_no_frame_is_missing() {
+    let bench = Bench::new();
+    let file = pipeline(&bench, "mode = \"live\"", "live", "seed = 3");
+    let up = Running::start(bench.evac(["up", &file]));
+    let before = wait_for_frames(&bench, 10)["stages"]["simulator"].clone();
+    let observer = Observer::start(&bench.domain);
+    signal(&before["pid"], Signal::STOP);
+    let incident = wait_for_another(&bench, "simulator", &before);
+    let cause = incident["cause"].as_str().unwrap();
+    assert!(cause.contains("'simulator' hangs: it has not reported for"), "{cause}");
+    wait_for_frames(&bench, 5);
+    let mut heard = observer.stop();
+    // What reached some readers only is said once more.
+    heard.poses.dedup_by_key(|pose| pose.frame.seq);
+    observer::assert_gap_free("odometry/pose", heard.poses.iter().map(|pose| pose.frame.seq));
+    up.signal(Signal::TERM);
+    up.end().expect_success();
+    assert_eq!(bench.leftovers(), Vec::<String>::new());
+}
+
 /// Kills one instance of `stage` when frame `seq` has come to a sink.
 fn kill_at(bench: &Bench, stage: &str, seq: u64) {
     let health = Pids::of(&bench.domain).at(stage, seq);

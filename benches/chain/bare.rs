@@ -22,10 +22,13 @@ const READY: &str = "ready";
 const BYTES: [usize; 4] = [160_000, 160_000, 328, 24_000];
 /// Hops, one less than processes.
 pub(crate) const HOPS: usize = BYTES.len();
+/// Readers of each hop besides the next link, as the stages' services have them: the launcher, and stages that need the frame later. They are
+/// not woken.
+const OTHERS: [usize; HOPS] = [1, 3, 5, 1];
 /// What each link works between two hops, about as long as the stages do (benches/README.md): source, deskewer, lio, mapper.
 const WORK: [Duration; HOPS] =
     [Duration::ZERO, Duration::from_micros(100), Duration::from_micros(2300), Duration::ZERO];
-const PERIOD: Duration = Duration::from_millis(100);
+pub(crate) const PERIOD: Duration = Duration::from_millis(100);
 const PATIENCE: Duration = Duration::from_secs(30);
 /// Words at a frame's start: its number, when it was sent, and what each hop before has taken.
 const HEAD: usize = 2 + HOPS;
@@ -35,21 +38,29 @@ const HEAD: usize = 2 + HOPS;
 pub(crate) struct Chain {
     links: Vec<Child>,
     last: Input,
+    others: Vec<Subscriber<Ipc, [u64], ()>>,
     _node: Node<Ipc>,
 }
 
 impl Chain {
-    /// Starts all links, the last one first.
+    /// Starts all links, the last one first, and one that is woken by the last hop's frames as well. Frames leave at `phase_ns` and a whole
+    /// number of periods from it.
     ///
     /// # Errors
     /// A process did not start.
-    pub(crate) fn start(domain: &Domain) -> anyhow::Result<Self> {
+    pub(crate) fn start(domain: &Domain, phase_ns: i64) -> anyhow::Result<Self> {
         let node = node(domain)?;
         let last = Input::open(&node, HOPS - 1)?;
-        let mut chain = Self { links: Vec::new(), last, _node: node };
-        for link in (0..HOPS).rev() {
+        let mut others = Vec::new();
+        for (hop, count) in OTHERS.into_iter().enumerate() {
+            for _ in 0..count {
+                others.push(subscriber(&node, hop)?);
+            }
+        }
+        let mut chain = Self { links: Vec::new(), last, others, _node: node };
+        for link in (0..=HOPS).rev() {
             let mut child = Command::new(std::env::current_exe()?)
-                .args([LINK, &link.to_string(), domain.name()])
+                .args([LINK, &link.to_string(), domain.name(), &phase_ns.to_string()])
                 .stdin(Stdio::null())
                 .stdout(Stdio::piped())
                 .spawn()?;
@@ -74,6 +85,9 @@ impl Chain {
             }
             Ok(())
         })?;
+        for other in &self.others {
+            while other.receive().map_err(failed)?.is_some() {}
+        }
         Ok(hops)
     }
 }
@@ -94,33 +108,36 @@ impl Drop for Chain {
 /// The services cannot be used.
 pub(crate) fn serve_if_link() -> anyhow::Result<bool> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [LINK, link, domain] = arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] else {
+    let [LINK, link, domain, phase_ns] = arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] else {
         return Ok(false);
     };
     set_parent_process_death_signal(Some(Signal::KILL))?;
     let (link, domain) = (link.parse::<usize>()?, Domain::new(domain)?);
     let node = node(&domain)?;
-    let output = Output::open(&node, link)?;
+    let output = if link < HOPS { Some(Output::open(&node, link)?) } else { None };
     let input = if link > 0 { Some(Input::open(&node, link - 1)?) } else { None };
     let mut stdout = std::io::stdout();
     writeln!(stdout, "{READY}")?;
     stdout.flush()?;
-    let mut next_ns = now_ns();
+    let period_ns = PERIOD.as_nanos() as i64;
+    let mut next_ns = now_ns() - (now_ns() - phase_ns.parse::<i64>()?).rem_euclid(period_ns);
     for seq in 0.. {
         let mut head = [0; HEAD];
         match &input {
             Some(input) => input.take(&mut |words| {
                 head.copy_from_slice(words);
-                work(WORK[link]);
+                work(WORK.get(link).copied().unwrap_or_default());
                 Ok(())
             })?,
             None => {
-                next_ns += PERIOD.as_nanos() as i64;
+                next_ns += period_ns;
                 std::thread::sleep(Duration::from_nanos((next_ns - now_ns()).max(0).unsigned_abs()));
                 head[0] = seq;
             }
         }
-        output.send(&head)?;
+        if let Some(output) = &output {
+            output.send(&head)?;
+        }
     }
     Ok(true)
 }
@@ -145,6 +162,12 @@ fn node(domain: &Domain) -> anyhow::Result<Node<Ipc>> {
     NodeBuilder::new().config(&config).create::<Ipc>().map_err(failed)
 }
 
+fn subscriber(node: &Node<Ipc>, hop: usize) -> anyhow::Result<Subscriber<Ipc, [u64], ()>> {
+    let name = ServiceName::new(&format!("chain/{hop}")).map_err(failed)?;
+    let data = node.service_builder(&name).publish_subscribe::<[u64]>().open_or_create().map_err(failed)?;
+    data.subscriber_builder().create().map_err(failed)
+}
+
 /// The end of a hop.
 #[derive(Debug)]
 struct Input {
@@ -158,10 +181,7 @@ impl Input {
         let name = ServiceName::new(&format!("chain/{hop}")).map_err(failed)?;
         let events = node.service_builder(&name).event().open_or_create().map_err(failed)?;
         let listener = events.listener_builder().create().map_err(failed)?;
-        let data =
-            node.service_builder(&name).publish_subscribe::<[u64]>().open_or_create().map_err(failed)?;
-        let subscriber = data.subscriber_builder().create().map_err(failed)?;
-        Ok(Self { subscriber, listener, hop })
+        Ok(Self { subscriber: subscriber(node, hop)?, listener, hop })
     }
 
     /// Sleeps until a frame comes; gives its head, with what this hop took written into it.

@@ -1,5 +1,5 @@
 //! What IPC adds up to from a LiDAR's frame to its pose and to the plan, through the real processes of a live pipeline, beside
-//! processes that make the same hops by iceoryx2 alone, at the same time. See benches/README.md for what is timed.
+//! processes that make the same hops by iceoryx2 alone, in between. See benches/README.md for what is timed.
 
 mod bare;
 #[path = "../support/pipeline.rs"]
@@ -8,21 +8,22 @@ mod pipeline;
 mod plot;
 #[path = "../support/mod.rs"]
 mod support;
+#[path = "../support/traces.rs"]
+mod traces;
 
 use std::collections::BTreeMap;
-use std::ops::ControlFlow;
 use std::time::Duration;
 
 use anyhow::anyhow;
 use evac_frames::Health;
-use evac_picture::{LineChart, Panel, Series, Stroke};
-use evac_ports::services::FrameTrace;
-use evac_ports::{Bus, Domain, RecordSubscriber, Wake, now_ns, quiet_middleware, wait_on};
+use evac_picture::LineChart;
+use evac_ports::{Domain, quiet_middleware};
 
 use crate::bare::{Chain, HOPS};
 use crate::pipeline::Running;
-use crate::plot::plot;
+use crate::plot::{distributions, plot};
 use crate::support::{Distribution, is_trial, print_heading};
+use crate::traces::Traces;
 
 /// Readers of the hops, in order; the mapper is the poses' consumer.
 const READERS: [&str; HOPS] = ["deskewer", "lio", "octree_mapper", "grid_exporter"];
@@ -30,7 +31,7 @@ const READERS: [&str; HOPS] = ["deskewer", "lio", "octree_mapper", "grid_exporte
 const TO_POSE: usize = 3;
 /// Frames that are left out: the walker stands.
 const LEFT_OUT: u64 = 40;
-const PATIENCE_NS: i64 = 60_000_000_000;
+const PATIENCE: Duration = Duration::from_secs(60);
 
 fn main() -> anyhow::Result<()> {
     if bare::serve_if_link()? {
@@ -42,52 +43,48 @@ fn main() -> anyhow::Result<()> {
     let other = Domain::new(&format!("bench-bare-{}", std::process::id()))?;
     // Dropped last: it removes what the domain left behind.
     let _lock = other.lock()?;
+    let traces = Traces::open(&own)?;
+    let running = Running::start(own)?;
+    // Half a period apart, so that neither has to wait for a core that the other uses.
+    let phase_ns = scan_sent_ns(&traces)? + bare::PERIOD.as_nanos() as i64 / 2;
     let bare = std::thread::spawn(move || -> anyhow::Result<Vec<[i64; HOPS]>> {
-        let chain = Chain::start(&other)?;
-        (0..left_out + frames).map(|_| chain.next()).skip(left_out as usize).collect()
+        let chain = Chain::start(&other, phase_ns)?;
+        (0..left_out as usize + frames).map(|_| chain.next()).skip(left_out as usize).collect()
     });
-    let evac = follow(&own, left_out, frames as usize)?;
+    let evac = follow(&traces, left_out, frames)?;
     let bare = bare.join().map_err(|_| anyhow!("the bare chain has panicked"))??;
+    // Leaves the domain before the launcher removes it.
+    drop(traces);
+    drop(running);
     report(&evac, &bare)
 }
 
+/// When a scan was handed over.
+fn scan_sent_ns(traces: &Traces) -> anyhow::Result<i64> {
+    let mut sent_ns = 0;
+    traces.follow(PATIENCE, |trace| {
+        sent_ns = trace.sent_ns;
+        Ok(Health::text_of(&trace.name) == READERS[0])
+    })?;
+    Ok(sent_ns)
+}
+
 /// Each frame's hops through the pipeline's stages, nanoseconds.
-fn follow(domain: &Domain, from_seq: u64, frames: usize) -> anyhow::Result<Vec<[i64; HOPS]>> {
-    let bus = Bus::join(domain, "bench")?;
-    let (traces, listener) = RecordSubscriber::<FrameTrace>::open(&bus)?;
-    let running = Running::start(domain.clone())?;
+fn follow(traces: &Traces, from_seq: u64, frames: usize) -> anyhow::Result<Vec<[i64; HOPS]>> {
     let mut heard: BTreeMap<u64, [i64; HOPS]> = BTreeMap::new();
     let mut whole = Vec::new();
-    let started_ns = now_ns();
-    let mut look = || -> anyhow::Result<bool> {
-        while let Some(trace) = traces.receive()? {
-            let name = Health::text_of(&trace.name);
-            let Some(hop) = READERS.iter().position(|reader| *reader == name) else { continue };
-            if trace.seq < from_seq {
-                continue;
-            }
+    traces.follow(PATIENCE + 3 * bare::PERIOD * frames as u32, |trace| {
+        let name = Health::text_of(&trace.name);
+        if let Some(hop) = READERS.iter().position(|reader| *reader == name).filter(|_| trace.seq >= from_seq)
+        {
             let hops = heard.entry(trace.seq).or_default();
             hops[hop] = trace.received_ns - trace.sent_ns;
             if hops.iter().all(|hop| *hop > 0) {
                 whole.extend(heard.remove(&trace.seq));
             }
         }
-        anyhow::ensure!(
-            now_ns() - started_ns < PATIENCE_NS + frames as i64 * 300_000_000,
-            "frames do not come"
-        );
         Ok(whole.len() >= frames)
-    };
-    wait_on(&[listener], |wake| match (wake, look()) {
-        (Wake::Stop, _) => ControlFlow::Break(Err(anyhow!("interrupted"))),
-        (_, Err(error)) => ControlFlow::Break(Err(error)),
-        (_, Ok(true)) => ControlFlow::Break(Ok(())),
-        (_, Ok(false)) => ControlFlow::Continue(Duration::from_secs(1)),
-    })??;
-    // Leaves the domain before the launcher removes it.
-    drop(traces);
-    drop(bus);
-    drop(running);
+    })?;
     Ok(whole)
 }
 
@@ -108,23 +105,17 @@ fn report(evac: &[[i64; HOPS]], bare: &[[i64; HOPS]]) -> anyhow::Result<()> {
         if let [Some(evac), Some(bare)] = medians {
             println!("{:<34} {:>9.2}x", format!("{hops} hops {what}, evac / bare"), evac / bare);
         }
-        let shares = |sums: Vec<i64>| {
+        // The slowest 2 % are the other load's, and would leave no room for the rest.
+        let shown = |sums: Vec<i64>| {
             let mut sums: Vec<_> = sums.into_iter().map(|ns| ns as f64 * 1e-3).collect();
             sums.sort_by(f64::total_cmp);
-            let count = sums.len() as f64;
-            // The slowest 2 % are the other load's, and would leave no room for the rest.
-            let shown = (count * 0.98) as usize;
-            sums.into_iter().take(shown).enumerate().map(|(i, us)| [us, (i + 1) as f64 / count]).collect()
+            sums.truncate(sums.len() * 98 / 100);
+            sums
         };
-        panels.push(Panel {
-            y_label: format!("share of frames, {hops} hops"),
-            y_range: Some([0.0, 1.0]),
-            series: vec![
-                Series::line("iceoryx2 alone", Stroke::truth(), shares(sums(bare))),
-                Series::line("evac", Stroke::nth(0), shares(sums(evac))),
-            ],
-            ..Panel::default()
-        });
+        panels.push(distributions(
+            format!("share of frames, {hops} hops"),
+            [("evac", shown(sums(evac))), ("iceoryx2 alone", shown(sums(bare)))],
+        ));
     }
     let title = "Accumulated IPC: 3 hops to the pose's consumer, 4 to the plan".to_owned();
     plot("chain", &LineChart { title, x_label: "us".to_owned(), panels })

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct ChaosArgs {
     /// How long to go on
     #[arg(long, value_name = "MINUTES", default_value_t = 10.0)]
@@ -15,7 +15,7 @@ pub(crate) struct ChaosArgs {
     /// Speed of the walk: 1 is real time; less on a computer that is busy, as frames that are lost by overload are no fault's
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub(crate) rate: f64,
-    /// A swapped odometry becomes the other kind, lio or loam, each time
+    /// A swapped odometry, and its shadow, is of the other kind, lio or loam, each time
     #[arg(long)]
     pub(crate) loam: bool,
     /// Folder for the results

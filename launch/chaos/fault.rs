@@ -20,6 +20,8 @@ pub(super) enum Deed {
     Swap,
     /// A standby, and kill -9 of the one that leads.
     KillBesideStandby,
+    /// A shadow, compared with the one that leads, and then promoted or ended; an odometry's is of the other kind.
+    Shadow,
 }
 
 impl Deed {
@@ -31,6 +33,7 @@ impl Deed {
             Self::Slow => "slow",
             Self::Swap => "swap",
             Self::KillBesideStandby => "kill -9 + standby",
+            Self::Shadow => "shadow",
         }
     }
 
@@ -40,8 +43,8 @@ impl Deed {
     }
 }
 
-const DEEDS: [Deed; 6] =
-    [Deed::Kill, Deed::Freeze, Deed::Pause, Deed::Slow, Deed::Swap, Deed::KillBesideStandby];
+const DEEDS: [Deed; 7] =
+    [Deed::Kill, Deed::Freeze, Deed::Pause, Deed::Slow, Deed::Swap, Deed::KillBesideStandby, Deed::Shadow];
 /// As they are in the pipeline file.
 pub(super) const STAGES: [&str; 6] =
     ["simulator", "deskewer", "lio", "octree_mapper", "grid_exporter", "map_saver"];
@@ -75,8 +78,13 @@ impl Dice {
         loop {
             let stage = STAGES.get(self.below(STAGES.len() as u64) as usize).copied().unwrap_or("lio");
             let deed = DEEDS.get(self.below(DEEDS.len() as u64) as usize).copied().unwrap_or(Deed::Kill);
-            // A producer that is stopped stops everything by itself, and of two only one has the sensor.
-            let fits = stage != "simulator" || matches!(deed, Deed::Kill | Deed::Swap);
+            let fits = match stage {
+                // A producer that is stopped stops everything by itself, and of two only one has the sensor.
+                "simulator" => matches!(deed, Deed::Kill | Deed::Swap),
+                // Two of them would write the same files.
+                "grid_exporter" | "map_saver" => deed != Deed::Shadow,
+                _ => true,
+            };
             let lately = self.restarts.iter().filter(|(other, _)| *other == stage).count();
             if fits && (!deed.restarts() || lately < BUDGET.0) {
                 if deed.restarts() {

@@ -1,14 +1,13 @@
-//! What must not happen, seen from outside: frames lost or doubled at the sinks, a producer that stalls, something that leaks.
+//! What must not happen, seen from outside: frames lost or doubled at the sinks, a producer that stalls.
 
 use std::collections::BTreeMap;
 
 use evac_frames::{Ack, Health};
 use evac_ports::services::{LidarScan, SinkAck};
-use evac_ports::{Bus, Domain, FrameSubscriber, PortError, RecordSubscriber};
+use evac_ports::{Bus, FrameSubscriber, PortError, RecordSubscriber};
 use serde::Serialize;
 
 use crate::incidents::Incident;
-use crate::supervisor::Supervisor;
 
 /// A producer that says nothing for longer than this stalls, milliseconds; its period is 100 in real time.
 pub(super) const STALL_MS: f64 = 1500.0;
@@ -36,7 +35,9 @@ pub(super) struct Seen {
 pub(super) struct Sink {
     pub(super) frames: u64,
     next: u64,
-    epoch: u32,
+    /// Newest frame of each instance.
+    #[serde(skip)]
+    newest: BTreeMap<u32, u64>,
     /// First and last frame of each.
     pub(super) gaps: Vec<(u64, u64)>,
     /// Acknowledged twice by one instance.
@@ -74,18 +75,20 @@ impl Seen {
     }
 
     fn take_ack(&mut self, ack: &Ack) {
-        let fresh = Sink { next: ack.seq, epoch: ack.epoch, ..Sink::default() };
+        let fresh = Sink { next: ack.seq, ..Sink::default() };
         let sink = self.sinks.entry(Health::text_of(&ack.name)).or_insert(fresh);
         if ack.seq > sink.next {
             sink.gaps.push((sink.next, ack.seq - 1));
         }
-        if ack.seq < sink.next {
-            sink.again += u64::from(ack.epoch > 0);
-            sink.doubled += u64::from(ack.epoch == sink.epoch && ack.epoch == 0);
+        let newest = sink.newest.insert(ack.epoch, ack.seq);
+        if newest.is_some_and(|newest| ack.seq <= newest) {
+            sink.doubled += 1;
+        } else if ack.seq < sink.next {
+            sink.again += 1;
         } else {
             sink.frames += 1;
         }
-        (sink.next, sink.epoch) = (ack.seq.saturating_add(1).max(sink.next), ack.epoch);
+        sink.next = sink.next.max(ack.seq.saturating_add(1));
     }
 
     /// Number of the newest scan.
@@ -115,80 +118,19 @@ impl Seen {
     }
 }
 
-/// What the processes hold at one moment.
-#[derive(Debug, Default, Clone, Copy, Serialize)]
-pub(super) struct Resources {
-    pub(super) shared_files: usize,
-    pub(super) shared_mib: f64,
-    pub(super) launcher_fds: usize,
-    pub(super) launcher_mib: f64,
-    pub(super) stage_fds: usize,
-    pub(super) stage_mib: f64,
-    /// Entries of the domain's folder, registrations of the middleware included.
-    pub(super) folder_entries: usize,
-}
-
-impl Resources {
-    pub(super) fn of(supervisor: &Supervisor, domain: &Domain) -> Self {
-        let (files, bytes) = domain.shared_memory();
-        let mib = |kib: u64| kib as f64 / 1024.0;
-        let mut now = Self {
-            shared_files: files,
-            shared_mib: bytes as f64 / f64::from(1 << 20),
-            launcher_fds: descriptors("self"),
-            launcher_mib: mib(own_kib("self")),
-            folder_entries: entries(&domain.folder()),
-            ..Self::default()
-        };
-        for child in supervisor.children.iter().filter(|child| child.ended.is_none()) {
-            let pid = child.pid().to_string();
-            now.stage_fds += descriptors(&pid);
-            now.stage_mib += mib(own_kib(&pid));
-        }
-        now
-    }
-}
-
-impl Resources {
-    /// What has grown that must not.
-    pub(super) fn leaks(&self, before: &Self) -> Vec<String> {
-        let grown = |what: &str, before: f64, now: f64, allowed: f64| {
-            (now > before + allowed).then(|| format!("{what}: {before:.1} before, {now:.1} after"))
-        };
-        // A reader lets go of a dead writer's memory when it next reads, so what is held swings by some connections.
-        [
-            grown("files in shared memory", before.shared_files as f64, self.shared_files as f64, 24.0),
-            grown("descriptors of the launcher", before.launcher_fds as f64, self.launcher_fds as f64, 40.0),
-            grown("descriptors of the stages", before.stage_fds as f64, self.stage_fds as f64, 200.0),
-            grown("MiB of the launcher", before.launcher_mib, self.launcher_mib, 32.0),
-            // The map grows while the walk sees new places; each instance begins with the whole of it.
-            grown("MiB of the stages", before.stage_mib, self.stage_mib, 192.0),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
-    }
-}
-
-fn descriptors(pid: &str) -> usize {
-    std::fs::read_dir(format!("/proc/{pid}/fd")).map_or(0, Iterator::count)
-}
-
-/// Memory that is a process's own, KiB; what is shared is counted once, above.
-fn own_kib(pid: &str) -> u64 {
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
-    let value = status.lines().find_map(|line| line.strip_prefix("RssAnon:"));
-    value.and_then(|value| value.split_whitespace().next()?.parse().ok()).unwrap_or(0)
-}
-
-fn entries(folder: &std::path::Path) -> usize {
-    let inside = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    inside.map(|entry| 1 + if entry.path().is_dir() { entries(&entry.path()) } else { 0 }).sum()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_one_instance_says_twice_is_doubled_and_what_the_next_says_again_is_not() {
+        let mut seen = Seen::default();
+        for (epoch, seq) in [(0, 3), (0, 4), (2, 3), (2, 4), (0, 5), (2, 5), (2, 6), (2, 6), (2, 5), (2, 7)] {
+            seen.take_ack(&Ack { name: Health::text("saver"), epoch, seq, ..Ack::default() });
+        }
+        let Sink { frames, again, doubled, .. } = &seen.sinks["saver"];
+        assert_eq!((*frames, *again, *doubled), (5, 3, 2));
+    }
 
     #[test]
     fn a_gap_at_a_sink_that_no_incident_states_is_found_with_its_frames() {

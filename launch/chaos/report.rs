@@ -6,7 +6,8 @@ use std::fmt::Write as _;
 use serde::Serialize;
 
 use super::fault::Deed;
-use super::monitor::{Resources, Sink};
+use super::monitor::Sink;
+use super::resources::Resources;
 use crate::incidents::Incident;
 
 /// A fault and what came of it.
@@ -18,6 +19,8 @@ pub(super) struct Fault {
     pub(super) at_frame: u64,
     /// Until every sink had a frame that was measured after it, seconds; for a swap from its request on.
     pub(super) whole_s: Option<f64>,
+    /// What a shadow came to.
+    pub(super) remark: Option<String>,
 }
 
 /// All of a run.
@@ -32,7 +35,7 @@ pub(super) struct Report {
     pub(super) longest_scan_gap_ms: f64,
     pub(super) before: Resources,
     pub(super) after: Resources,
-    /// Between two faults of each minute.
+    /// About each minute, between two faults.
     pub(super) each_minute: Vec<Resources>,
     pub(super) map_equal: bool,
     /// What must not be; empty in a good run.
@@ -97,19 +100,7 @@ impl Report {
             "longest time between two scans of one simulator: {:.0} ms",
             self.longest_scan_gap_ms
         );
-        let _ = writeln!(text, "{:<22} {:>12} {:>12}", "held", "at the start", "at the end");
-        let (a, b) = (&self.before, &self.after);
-        for (name, before, after) in [
-            ("shared memory, files", a.shared_files as f64, b.shared_files as f64),
-            ("shared memory, MiB", a.shared_mib, b.shared_mib),
-            ("launcher, descriptors", a.launcher_fds as f64, b.launcher_fds as f64),
-            ("launcher, MiB", a.launcher_mib, b.launcher_mib),
-            ("stages, descriptors", a.stage_fds as f64, b.stage_fds as f64),
-            ("stages, MiB", a.stage_mib, b.stage_mib),
-            ("domain's folder", a.folder_entries as f64, b.folder_entries as f64),
-        ] {
-            let _ = writeln!(text, "{name:<22} {before:>12.1} {after:>12.1}");
-        }
+        self.write_held(&mut text);
         let equal = if self.map_equal {
             "is the mapper's map, byte for byte"
         } else {
@@ -123,5 +114,28 @@ impl Report {
             let _ = writeln!(text, "VIOLATED: {violation}");
         }
         text
+    }
+
+    fn write_held(&self, text: &mut String) {
+        let (a, b) = (&self.before, &self.after);
+        let (before, after) = (format!("after {:.0} s", a.at_s), format!("after {:.0} s", b.at_s));
+        let _ = writeln!(text, "{:<28} {before:>14} {after:>14}", "held, all stages swapped");
+        let mut line = |name: &str, before: f64, after: f64| {
+            let _ = writeln!(text, "{name:<28} {before:>14.1} {after:>14.1}");
+        };
+        line("shared memory, files", a.shared_files as f64, b.shared_files as f64);
+        line("shared memory, MiB", a.shared_mib, b.shared_mib);
+        line("domain's folder, entries", a.folder_entries as f64, b.folder_entries as f64);
+        line("map.ot, MiB", a.saved_map_mib, b.saved_map_mib);
+        let launcher = ("launcher".to_owned(), [a.launcher, b.launcher]);
+        let stages = a
+            .stages
+            .iter()
+            .map(|(name, held)| (name.clone(), [*held, b.stages.get(name).copied().unwrap_or_default()]));
+        for (name, [before, after]) in std::iter::once(launcher).chain(stages) {
+            let [x, y] = [before, after].map(|held| held.descriptors as f64);
+            line(&format!("{name}, descriptors"), x, y);
+            line(&format!("{name}, own MiB"), before.anonymous_mib, after.anonymous_mib);
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The instance that leads beside its shadow.
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::Write as _;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -8,6 +8,7 @@ use evac_config::Pipeline;
 use evac_frames::{FrameHeader, Health, StageState};
 use evac_ports::services::{MapUpdate, OdometryPose, ScanDeskewed};
 use evac_ports::{Bus, Domain, FrameSubscriber, Listener, PortError, RecordSubscriber, Wake, wait_on};
+use indicatif::ProgressBar;
 
 use super::cli::CompareArgs;
 use super::deviation::{MAPS, Maps, POSES, SCANS, of_poses, of_scans};
@@ -17,6 +18,7 @@ use super::usage;
 use crate::cpu::cpu_s;
 use crate::error::LaunchError;
 use crate::health_board::{HealthBoard, leads};
+use crate::progress;
 use crate::registry::{ODOMETRIES, kind};
 use crate::status::nothing_runs;
 
@@ -203,45 +205,34 @@ fn latency_ms(frame: &FrameHeader) -> f64 {
 
 /// The table, in place on a terminal, now and then one line elsewhere.
 struct Display {
-    is_terminal: bool,
+    bar: ProgressBar,
     shown: Option<Instant>,
-    lines: usize,
 }
 
 impl Display {
     fn new() -> Self {
-        Self { is_terminal: std::io::stderr().is_terminal(), shown: None, lines: 0 }
+        Self { bar: progress::text(), shown: None }
     }
 
     fn show(&mut self, comparison: &Comparison) {
-        let interval = if self.is_terminal { REDRAW } else { LINE };
+        let interval = if self.bar.is_hidden() { LINE } else { REDRAW };
         if self.shown.is_some_and(|shown| shown.elapsed() < interval) {
             return;
         }
         let Some(last) = comparison.rows.last() else { return };
         self.shown = Some(Instant::now());
-        let text = if self.is_terminal {
-            comparison.table()
-        } else {
+        if self.bar.is_hidden() {
             let [first, second] = comparison.measures.labels;
             let [a, b] = last.deviation;
-            format!("frame {}: {first} {a:.3}, {second} {b:.3}\n", last.seq)
-        };
-        self.clear();
-        self.lines = if self.is_terminal { text.lines().count() } else { 0 };
-        // Nobody reads a terminal that is gone.
-        let _ = std::io::stderr().write_all(text.as_bytes());
-    }
-
-    /// Removes the table: the last one goes to the output.
-    fn clear(&mut self) {
-        if self.lines > 0 {
-            let _ = write!(std::io::stderr(), "\x1b[{}A\x1b[J", self.lines);
-            self.lines = 0;
+            // Nobody reads it where it is closed.
+            let _ = writeln!(std::io::stderr(), "frame {}: {first} {a:.3}, {second} {b:.3}", last.seq);
+        } else {
+            self.bar.set_message(comparison.table());
         }
     }
 
-    fn end(&mut self) {
-        self.clear();
+    /// Removes the table: the last one goes to the output.
+    fn end(&self) {
+        self.bar.finish_and_clear();
     }
 }

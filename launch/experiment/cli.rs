@@ -53,6 +53,9 @@ pub(crate) struct SwapsArgs {
     /// Kill the instance that leads (SIGKILL) beside a standby instead
     #[arg(long)]
     pub(crate) kill: bool,
+    /// Only these stages in turn; several may be given with commas
+    #[arg(long, value_name = "STAGE", value_delimiter = ',', default_values = super::swaps::TURNS)]
+    pub(crate) only: Vec<String>,
     /// Seed of noise, biases and gait
     #[arg(long, default_value_t = 1)]
     pub(crate) seed: u64,

@@ -8,6 +8,7 @@ mod soak;
 mod soak_report;
 mod swaps;
 mod swaps_monitor;
+mod swaps_poses;
 mod swaps_report;
 mod table1;
 mod table2;

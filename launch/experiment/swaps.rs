@@ -27,7 +27,7 @@ use crate::supervisor::{Progress, Supervisor, interrupted};
 
 const PIPELINE: &str = include_str!("../pipelines/simulated.toml");
 /// In turn; the odometry becomes the other one each time.
-const TURNS: [&str; 5] = ["deskewer", "odometry", "octree_mapper", "grid_exporter", "map_saver"];
+pub(super) const TURNS: [&str; 5] = ["deskewer", "odometry", "octree_mapper", "grid_exporter", "map_saver"];
 /// Longest time until a standby is ready, seconds.
 const PATIENCE_S: f64 = 120.0;
 
@@ -41,6 +41,15 @@ enum Word {
     },
     Failed(LaunchError),
     Done,
+}
+
+/// The standby of a stage that was killed.
+struct Awaited {
+    stage: String,
+    epoch: u32,
+    /// The newest pose's frame then.
+    killed_at: u64,
+    leads: bool,
 }
 
 pub(super) fn swaps(args: &SwapsArgs) -> Result<(), LaunchError> {
@@ -83,7 +92,8 @@ fn walk(args: &SwapsArgs, pipeline: &Pipeline, file: &Path, domain: &Domain) -> 
     let bar = bar(u64::from(args.swaps), "swaps");
     let (words, heard) = channel();
     let (go_on, wait) = channel();
-    let asker = Asker { domain: domain.clone(), words, wait, swaps: args.swaps, kill: args.kill };
+    let stages: Vec<_> = args.only.iter().cycle().take(args.swaps as usize).cloned().collect();
+    let asker = Asker { domain: domain.clone(), words, wait, stages, kill: args.kill };
     let thread = std::thread::Builder::new().name("asker".to_owned()).spawn(move || asker.run());
     thread.map_err(|cause| LaunchError::Silent(format!("no thread can be started: {cause}")))?;
     let mut swaps = Swaps::new(args.seed, args.kill);
@@ -114,7 +124,7 @@ fn step(
     supervisor: &mut Supervisor,
     monitor: &mut Monitor,
     (heard, go_on): (&Receiver<Word>, &Sender<()>),
-    awaited: &mut Option<(String, u32)>,
+    awaited: &mut Option<Awaited>,
     swaps: &mut Swaps,
     bar: &ProgressBar,
 ) -> Result<bool, LaunchError> {
@@ -125,13 +135,13 @@ fn step(
     while let Some(ack) = supervisor.take_ack()? {
         monitor.take_ack(&ack);
     }
-    if let Some((stage, epoch)) = awaited {
+    if let Some(Awaited { stage, epoch, .. }) = awaited.as_ref().filter(|awaited| !awaited.leads) {
         let leads = supervisor
             .board()
             .of(stage, *epoch)
             .is_some_and(|health| health.state == StageState::Running as u32 && health.frames_out > 0);
-        if leads {
-            *awaited = None;
+        if let Some(awaited) = awaited.as_mut().filter(|_| leads) {
+            awaited.leads = true;
             // The thread lives as long as it waits.
             let _ = go_on.send(());
         }
@@ -139,7 +149,8 @@ fn step(
     while let Ok(word) = heard.try_recv() {
         match word {
             Word::Changed(change) => {
-                swaps.changes.push(change);
+                let seq = awaited.take().map_or(monitor.newest(), |awaited| awaited.killed_at);
+                swaps.changes.push(Change { seq, ..change });
                 bar.set_position(swaps.changes.len() as u64);
             }
             Word::Kill { stage, epoch } => {
@@ -147,7 +158,7 @@ fn step(
                 if let Some(child) = supervisor.child(&stage, led) {
                     child.signal(Signal::KILL);
                 }
-                *awaited = Some((stage, epoch));
+                *awaited = Some(Awaited { stage, epoch, killed_at: monitor.newest(), leads: false });
             }
             Word::Failed(error) => return Err(error),
             Word::Done => return Ok(true),
@@ -161,7 +172,7 @@ struct Asker {
     domain: Domain,
     words: Sender<Word>,
     wait: Receiver<()>,
-    swaps: u32,
+    stages: Vec<String>,
     kill: bool,
 }
 
@@ -179,12 +190,12 @@ impl Asker {
         // The odometry has found its start, and everybody has seen a map.
         std::thread::sleep(Duration::from_secs(5));
         let mut odometries = ODOMETRIES.iter().rev().cycle();
-        for stage in TURNS.iter().cycle().take(self.swaps as usize) {
+        for stage in &self.stages {
             let kind =
-                if *stage == "odometry" { odometries.next().map(|kind| (*kind).to_owned()) } else { None };
+                if stage == "odometry" { odometries.next().map(|kind| (*kind).to_owned()) } else { None };
             let request = Request {
                 order: if self.kill { Order::Standby } else { Order::Swap },
-                stage: (*stage).to_owned(),
+                stage: stage.clone(),
                 kind,
                 run: None,
                 config: None,
@@ -198,10 +209,11 @@ impl Asker {
                 }
             }
             let change = Change {
-                stage: (*stage).to_owned(),
+                stage: stage.clone(),
                 kind: outcome.kind,
                 ready_s: outcome.ready_s,
                 handover_ms: outcome.handover_ms,
+                seq: 0,
             };
             if self.words.send(Word::Changed(change)).is_err() {
                 return Ok(());

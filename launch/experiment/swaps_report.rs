@@ -17,6 +17,8 @@ pub(super) struct Change {
     pub(super) ready_s: f64,
     /// From the word to the old one to that of the new one, milliseconds; nothing where the old one was killed.
     pub(super) handover_ms: Option<f64>,
+    /// The newest pose's frame when the old one was killed, or when the new one led.
+    pub(super) seq: u64,
 }
 
 /// A change of the odometry's instance, seen in its poses.
@@ -27,6 +29,14 @@ pub(super) struct Cut {
     /// How far the step to it is off the true one.
     pub(super) off_m: f64,
     pub(super) off_deg: f64,
+}
+
+/// A time without a pose.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct Gap {
+    /// The frame whose pose ended it.
+    pub(super) seq: u64,
+    pub(super) ms: f64,
 }
 
 /// All of a run.
@@ -49,6 +59,8 @@ pub(super) struct Swaps {
     pub(super) elsewhere_m: f64,
     /// Longest time between two poses; the period is 100 ms.
     pub(super) longest_gap_ms: f64,
+    /// Gaps longer than 1.5 periods.
+    pub(super) long_gaps: Vec<Gap>,
 }
 
 impl Swaps {
@@ -125,6 +137,7 @@ mod tests {
             kind: kind.to_owned(),
             ready_s,
             handover_ms,
+            seq: 0,
         };
         let mut swaps = Swaps::new(1, false);
         swaps.changes =

@@ -1,4 +1,5 @@
 //! A command on a real pseudo-terminal, and what it shows there.
+#![allow(dead_code)] // not every test needs all of it
 
 use std::fs::File;
 use std::io::{Read as _, Write as _};

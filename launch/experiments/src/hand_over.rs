@@ -29,6 +29,18 @@ pub struct HandOver {
     pub beside: (f64, f64),
 }
 
+/// What is known of a standby before a frame, for whoever decides whether it leads from that frame on.
+#[derive(Debug, Clone, Copy)]
+pub struct Moment {
+    /// The frame.
+    pub frame: usize,
+    /// Frames that the standby has followed.
+    pub followed: usize,
+    /// Whether it was ready after the last of them, and after the one before: the launcher's knowledge when the leading one is killed
+    /// right after its last frame.
+    pub ready: [bool; 2],
+}
+
 /// Either odometry.
 #[derive(Debug)]
 enum Odometry {
@@ -72,15 +84,15 @@ fn other(kind: OdometryKind) -> OdometryKind {
 /// Frames before the first standby: the odometry finds its start.
 const START: usize = 40;
 
-/// Runs a walk in which the odometry becomes the other one as soon as that is ready, at least `every` frames after it began to follow.
-/// Gives the cuts and every published pose.
+/// Runs a walk in which the odometry becomes the other one whenever `is_due` says so of a standby that is ready or was. Gives the cuts and
+/// every published pose.
 ///
 /// # Errors
 /// [`StageError`] of a stage that refuses its configuration or gives up.
 pub fn hand_overs(
     walk: &Walk,
     settings: &Settings,
-    every: usize,
+    mut is_due: impl FnMut(&Moment) -> bool,
 ) -> Result<(Vec<HandOver>, Vec<PoseFrame>), StageError> {
     let mut deskewer = Deskewer::new(settings.deskewer.clone(), &walk.rig)?;
     let mut scans = ScanOutput::newest_only();
@@ -88,19 +100,25 @@ pub fn hand_overs(
     let mut leads = Odometry::new(kind, settings, &walk.rig)?;
     let mut follows: Option<(Odometry, usize)> = None;
     let (mut cuts, mut poses): (Vec<HandOver>, Vec<PoseFrame>) = (Vec::new(), Vec::new());
-    let mut ready_after = None;
+    let (mut ready_after, mut ready) = (None, [false; 2]);
     for (index, frame) in walk.frames.iter().enumerate() {
         let prior = poses.last();
         let raw = ScanWithImu {
             header: &frame.header,
             points: &frame.points,
             imu: &frame.imu,
-            imu_covers: true,
+            imu_covers: !frame.imu.is_empty(),
             prior,
         };
         deskewer.process(raw, &mut scans, &mut Counters::default())?;
         let Some((header, points)) = scans.memory.last() else { continue };
-        let input = || ScanWithImu { header, points, imu: &frame.imu, imu_covers: true, prior: None };
+        let input = || ScanWithImu {
+            header,
+            points,
+            imu: &frame.imu,
+            imu_covers: !frame.imu.is_empty(),
+            prior: None,
+        };
         // The old one's, were it not for the cut.
         let routed = leads.process(input())?;
         let step = |pose: &PoseFrame| {
@@ -111,9 +129,10 @@ pub fn hand_overs(
                 distance(&truth, &(map_from_lidar(last).inverse() * map_from_lidar(pose)))
             })
         };
-        let is_due =
-            ready_after.is_some() && follows.as_ref().is_some_and(|(_, since)| index - since >= every);
-        if is_due && let Some((mut new, _)) = follows.take() {
+        let moment =
+            follows.as_ref().map(|(_, since)| Moment { frame: index, followed: index - since, ready });
+        let is_cut = moment.is_some_and(|moment| ready != [false; 2] && is_due(&moment));
+        if is_cut && let Some((mut new, _)) = follows.take() {
             kind = other(kind);
             let pose = new.process(input())?;
             cuts.push(HandOver {
@@ -124,7 +143,7 @@ pub fn hand_overs(
                 old_step: step(&routed),
                 beside: distance(&map_from_lidar(&routed), &map_from_lidar(&pose)),
             });
-            leads = new;
+            (leads, ready) = (new, [false; 2]);
             poses.push(pose);
             continue;
         }
@@ -134,10 +153,8 @@ pub fn hand_overs(
         }
         if let Some((new, since)) = &mut follows {
             let readiness = new.follow(input(), &routed)?;
-            ready_after = match readiness {
-                Readiness::Ready => ready_after.or(Some(index - *since)),
-                Readiness::Following => None,
-            };
+            ready = [readiness == Readiness::Ready, ready[0]];
+            ready_after = ready_after.or(ready[0].then_some(index - *since)).filter(|_| ready != [false; 2]);
         }
     }
     Ok((cuts, poses))

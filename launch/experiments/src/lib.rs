@@ -26,7 +26,7 @@ pub use corners::Corners;
 pub use error::ExperimentError;
 pub use fault::Fault;
 pub use figures::Figures;
-pub use hand_over::{HandOver, hand_overs};
+pub use hand_over::{HandOver, Moment, hand_overs};
 pub use loss::Losses;
 pub use recording::{read_recording, read_replay};
 pub use run::{FrameResult, Pipeline, Trajectory, run};

@@ -15,27 +15,42 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
 ) -> Result<(), FormatError> {
+    write_through_another(path, |writer| {
+        write(writer)?;
+        writer.flush()?;
+        writer.get_ref().sync_all()
+    })
+}
+
+/// As [`write_atomically`], without waiting for the disk: for files that need not outlive a power cut.
+///
+/// # Errors
+/// As [`write_atomically`].
+pub fn write_for_this_boot(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+) -> Result<(), FormatError> {
+    write_through_another(path, |writer| {
+        write(writer)?;
+        writer.flush()
+    })
+}
+
+fn write_through_another(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+) -> Result<(), FormatError> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.tmp", std::process::id()));
     let temporary = path.with_file_name(name);
-    let result = write_and_rename(&temporary, path, write);
+    let result = File::create(&temporary)
+        .and_then(|file| write(&mut BufWriter::new(file)))
+        .and_then(|()| fs::rename(&temporary, path));
     if result.is_err() {
         // The failure is reported below; a temporary file that cannot be removed either adds nothing to it.
         let _ = fs::remove_file(&temporary);
     }
     result.map_err(|cause| FormatError::writing(path, cause))
-}
-
-fn write_and_rename(
-    temporary: &Path,
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
-) -> std::io::Result<()> {
-    let mut writer = BufWriter::new(File::create(temporary)?);
-    write(&mut writer)?;
-    writer.flush()?;
-    writer.get_ref().sync_all()?;
-    fs::rename(temporary, path)
 }
 
 #[cfg(test)]

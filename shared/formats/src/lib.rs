@@ -24,6 +24,6 @@ pub mod tum;
 mod utc;
 pub mod wt901c;
 
-pub use atomic_file::write_atomically;
+pub use atomic_file::{write_atomically, write_for_this_boot};
 pub use error::FormatError;
 pub use utc::name as utc_name;

@@ -60,19 +60,39 @@ impl KeySpace {
     fn axis_key(&self, coordinate: f32) -> Option<u16> {
         let voxels = self.voxels_per_metre * f64::from(coordinate);
         // NaN is in no range.
-        if !(-2.0 * OFFSET..2.0 * OFFSET).contains(&voxels) {
+        if !(-OFFSET..OFFSET).contains(&voxels) {
             return None;
         }
-        // The floor without a call.
-        let towards_zero = voxels as i32;
-        let floor = towards_zero - i32::from(f64::from(towards_zero) > voxels);
-        u16::try_from(floor + OFFSET as i32).ok()
+        // The floor without a call or a conversion: at this size the last bit of a double is worth 1, so that the sum is rounded
+        // to a whole number, whose low bits are its low bits.
+        const SIZE: f64 = 6_755_399_441_055_744.0; // 1.5 x 2^52
+        let rounded = voxels + (SIZE + OFFSET);
+        let is_above = rounded - (SIZE + OFFSET) > voxels;
+        Some((rounded.to_bits() as u16).wrapping_sub(is_above.into()))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_key_counts_whole_voxels_from_the_corner_of_the_space(
+            point in prop::array::uniform3(-3300.0_f32..3300.0),
+            whole in -40_000_i32..40_000,
+        ) {
+            // Also just beside the faces of voxels, where the product may be rounded across.
+            let face = (f64::from(whole) * 0.1) as f32;
+            let space = KeySpace::new(0.1).unwrap();
+            for c in point.into_iter().chain([face.next_down(), face, face.next_up()]) {
+                let floor = (1.0 / 0.1 * f64::from(c)).floor() + OFFSET;
+                let expected = (0.0..2.0 * OFFSET).contains(&floor).then_some(floor as u16);
+                prop_assert_eq!(space.key([c, 0.0, 0.0]), expected.map(|key| [key, 32768, 32768]), "{}", c);
+            }
+        }
+    }
 
     #[test]
     fn points_without_a_voxel_have_no_key() {

@@ -24,6 +24,8 @@ const OPEN_PAUSE: Duration = Duration::from_millis(25);
 #[derive(Debug)]
 pub struct Bus {
     pub(crate) node: Node<Ipc>,
+    /// Whether the listeners that it opens are woken after those of others.
+    pub(crate) wakes_last: bool,
     stop: Cell<bool>,
 }
 
@@ -50,7 +52,14 @@ impl Bus {
             .create::<Ipc>()
             .map_err(|cause| PortError::refused("(node)", "join the domain", cause))?;
         domain.close_to_others();
-        Ok(Self { node, stop: Cell::new(false) })
+        Ok(Self { node, wakes_last: false, stop: Cell::new(false) })
+    }
+
+    /// For a process that no other waits for: where several readers listen to a service, the listeners that this bus opens from now on are
+    /// woken after all others. With fewer cores than readers that decides who runs first.
+    pub fn wake_last(mut self) -> Self {
+        self.wakes_last = true;
+        self
     }
 
     /// Whether SIGINT or SIGTERM has come. It takes a system call, some 50 us: nothing for the path of a frame.

@@ -1,7 +1,6 @@
 //! Services of variable-length frames: a user header and a slice, written once into loaned memory.
 
 use bytemuck::TransparentWrapper;
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
@@ -12,7 +11,7 @@ use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 
 use crate::bus::{Bus, Ipc, layout_attribute, layout_text, retry, service_name};
 use crate::services::{FrameService, SliceLen};
-use crate::wakeup::Listener;
+use crate::wakeup::{Listener, Waker};
 use crate::{PortError, wire::Wire};
 
 type Item<S> = [Wire<<S as FrameService>::Item>];
@@ -43,7 +42,7 @@ fn open<S: FrameService>(bus: &Bus) -> Result<PortFactory<Ipc, Item<S>, Header<S
 #[derive(Debug)]
 pub struct FramePublisher<S: FrameService> {
     publisher: Publisher<Ipc, Item<S>, Header<S>>,
-    notifier: Notifier<Ipc>,
+    readers: Waker,
 }
 
 impl<S: FrameService> FramePublisher<S> {
@@ -65,9 +64,7 @@ impl<S: FrameService> FramePublisher<S> {
                 .max_loaned_samples(2)
                 .create()
         })?;
-        let events = bus.events(S::NAME, &S::QOS)?;
-        let notifier = retry(S::NAME, "notify", || events.notifier_builder().create())?;
-        Ok(Self { publisher, notifier })
+        Ok(Self { publisher, readers: Waker::open(bus, S::NAME, &S::QOS)? })
     }
 
     /// Hands the history to readers that have come since the last sending, and wakes them: who sends nothing for a while would keep them
@@ -79,8 +76,7 @@ impl<S: FrameService> FramePublisher<S> {
         self.publisher
             .update_connections()
             .map_err(|cause| PortError::refused(S::NAME, "greet new readers", cause))?;
-        self.notifier.notify().map_err(|cause| PortError::refused(S::NAME, "notify", cause))?;
-        Ok(())
+        self.readers.wake()
     }
 
     /// Publishes one frame: loans memory for `len` elements, writes `fill(0)..fill(len - 1)` straight into it, sets the
@@ -101,8 +97,7 @@ impl<S: FrameService> FramePublisher<S> {
         let mut sample = loan.write_from_fn(|i| Wire(fill(i)));
         *sample.user_header_mut() = Wire(header());
         sample.send().map_err(|cause| PortError::refused(S::NAME, "send", cause))?;
-        self.notifier.notify().map_err(|cause| PortError::refused(S::NAME, "notify", cause))?;
-        Ok(())
+        self.readers.wake()
     }
 }
 

@@ -1,6 +1,5 @@
 //! Services of fixed-size records.
 
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections as _;
@@ -11,7 +10,7 @@ use evac_frames::{Layout, layout_hash};
 
 use crate::bus::{Bus, Ipc, layout_attribute, retry, service_name};
 use crate::services::RecordService;
-use crate::wakeup::Listener;
+use crate::wakeup::{Listener, Waker};
 use crate::{PortError, wire::Wire};
 
 fn open<S: RecordService>(bus: &Bus) -> Result<PortFactory<Ipc, Wire<S::Record>, ()>, PortError> {
@@ -39,7 +38,7 @@ fn open<S: RecordService>(bus: &Bus) -> Result<PortFactory<Ipc, Wire<S::Record>,
 pub struct RecordPublisher<S: RecordService> {
     service: PortFactory<Ipc, Wire<S::Record>, ()>,
     publisher: Publisher<Ipc, Wire<S::Record>, ()>,
-    notifier: Notifier<Ipc>,
+    readers: Waker,
 }
 
 impl<S: RecordService> RecordPublisher<S> {
@@ -51,9 +50,7 @@ impl<S: RecordService> RecordPublisher<S> {
         let service = open::<S>(bus)?;
         let publisher =
             retry(S::NAME, "publish", || service.publisher_builder().max_loaned_samples(2).create())?;
-        let events = bus.events(S::NAME, &S::QOS)?;
-        let notifier = retry(S::NAME, "notify", || events.notifier_builder().create())?;
-        Ok(Self { service, publisher, notifier })
+        Ok(Self { service, publisher, readers: Waker::open(bus, S::NAME, &S::QOS)? })
     }
 
     /// Whether somebody reads the service at the moment: a look at shared memory.
@@ -70,8 +67,7 @@ impl<S: RecordService> RecordPublisher<S> {
         self.publisher
             .update_connections()
             .map_err(|cause| PortError::refused(S::NAME, "greet new readers", cause))?;
-        self.notifier.notify().map_err(|cause| PortError::refused(S::NAME, "notify", cause))?;
-        Ok(())
+        self.readers.wake()
     }
 
     /// Publishes one record.
@@ -86,8 +82,7 @@ impl<S: RecordService> RecordPublisher<S> {
         loan.write_payload(Wire(*record))
             .send()
             .map_err(|cause| PortError::refused(S::NAME, "send", cause))?;
-        self.notifier.notify().map_err(|cause| PortError::refused(S::NAME, "notify", cause))?;
-        Ok(())
+        self.readers.wake()
     }
 }
 

@@ -8,12 +8,16 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::port::listener::{Listener as EventListener, ListenerWaitError};
+use iceoryx2::port::notifier::{Notifier, NotifierNotifyError};
 use iceoryx2::prelude::*;
 use iceoryx2::waitset::WaitSetRunResult;
 
 use crate::PortError;
 use crate::bus::{Bus, Ipc, retry};
 use crate::services::Qos;
+
+/// Name of the listeners that are woken after all others.
+const LAST: &str = "last";
 
 /// What wakes one service's reader.
 #[derive(Debug)]
@@ -24,7 +28,10 @@ pub struct Listener {
 impl Listener {
     pub(crate) fn open(bus: &Bus, service: &'static str, qos: &Qos) -> Result<Self, PortError> {
         let events = bus.events(service, qos)?;
-        let listener = retry(service, "listen", || events.listener_builder().create())?;
+        let name = if bus.wakes_last { LAST } else { "" };
+        let name =
+            PortName::new(name).map_err(|cause| PortError::refused(service, "name a listener", cause))?;
+        let listener = retry(service, "listen", || events.listener_builder().name(&name).create())?;
         Ok(Self { listener })
     }
 
@@ -43,6 +50,47 @@ impl Listener {
     /// Takes all pending wake-ups: they are coalesced, and undrained ones would wake again at once.
     pub(crate) fn drain(&self) -> u64 {
         self.listener.try_wait(|_| {}).unwrap_or(0)
+    }
+}
+
+/// Wakes one service's readers.
+#[derive(Debug)]
+pub(crate) struct Waker {
+    service: &'static str,
+    notifier: Notifier<Ipc>,
+}
+
+impl Waker {
+    pub(crate) fn open(bus: &Bus, service: &'static str, qos: &Qos) -> Result<Self, PortError> {
+        let events = bus.events(service, qos)?;
+        let notifier = retry(service, "notify", || events.notifier_builder().create())?;
+        Ok(Self { service, notifier })
+    }
+
+    /// Wakes all, those that asked for it last.
+    pub(crate) fn wake(&self) -> Result<(), PortError> {
+        if self.wake_those(false)? {
+            self.wake_those(true)?;
+        }
+        Ok(())
+    }
+
+    /// Wakes those that are woken last, or all others; whether there are more.
+    fn wake_those(&self, last: bool) -> Result<bool, PortError> {
+        let (mut more, mut failure) = (false, None);
+        self.notifier.for_each_listener(|one, details| {
+            if (details.listener_name.as_str() == LAST) == last {
+                failure = failure.take().or(one.notify().err());
+            } else {
+                more = true;
+            }
+            CallbackProgression::Continue
+        });
+        // One that has gone in this moment need not be woken.
+        match failure.filter(|failure| *failure != NotifierNotifyError::InvalidListenerKey) {
+            Some(cause) => Err(PortError::refused(self.service, "notify", cause)),
+            None => Ok(more),
+        }
     }
 }
 
@@ -153,7 +201,18 @@ pub fn wait_on_bells<B>(
             ControlFlow::Break(value) => return Ok(value),
         };
         let result = waitset
-            .wait_and_process_once_with_timeout(|_| CallbackProgression::Continue, timeout)
+            .wait_and_process_once_with_timeout(
+                |attachment| {
+                    // Drained before the data is read, so that a notification which comes while reading wakes again.
+                    match guards.iter().position(|guard| attachment.has_event_from(guard)) {
+                        Some(at) if at < listeners.len() => drop(listeners[at].drain()),
+                        Some(at) => bells[at - listeners.len()].drain(),
+                        None => {}
+                    }
+                    CallbackProgression::Continue
+                },
+                timeout,
+            )
             .map_err(|e| refused(format!("{e:?}")))?;
         // An interrupt is any signal, SIGCONT included. SIGINT and SIGTERM are remembered by the middleware, whose next wait
         // ends with them before it begins.
@@ -161,10 +220,34 @@ pub fn wait_on_bells<B>(
             WaitSetRunResult::TerminationRequest => Wake::Stop,
             _ => Wake::Look,
         };
-        // Before reading the data, so that a notification which comes while reading wakes again.
-        for listener in listeners {
-            listener.drain();
-        }
-        bells.iter().for_each(|bell| bell.drain());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::Domain;
+    use crate::services::{OdometryPose, RecordService as _};
+
+    #[test]
+    fn a_reader_that_others_wait_for_is_woken_before_one_that_came_first_and_asked_to_be_last() {
+        let domain = Domain::new(&format!("wake-order-{}", std::process::id())).unwrap();
+        let _lock = domain.lock().unwrap();
+        let bus = Bus::join(&domain, "first").unwrap();
+        let saver = Bus::join(&domain, "saver").unwrap().wake_last();
+        let (service, qos) = (OdometryPose::NAME, OdometryPose::QOS);
+        let last = Listener::open(&saver, service, &qos).unwrap();
+        let first = Listener::open(&bus, service, &qos).unwrap();
+        let waker = Waker::open(&bus, service, &qos).unwrap();
+        assert!(waker.wake_those(false).unwrap(), "there is one more");
+        assert_eq!((first.drain(), last.drain()), (1, 0));
+        assert!(waker.wake_those(true).unwrap());
+        assert_eq!((first.drain(), last.drain()), (0, 1));
+        waker.wake().unwrap();
+        assert_eq!((first.drain(), last.drain()), (1, 1));
+        drop(last);
+        assert!(!waker.wake_those(false).unwrap(), "nobody asked to be last");
     }
 }

@@ -44,7 +44,11 @@ where
     let Some((context, config)) = prepare::<S::Config>(S::NAME, options)? else { return Ok(()) };
     let mut stage = S::new(config, &context.rig)?;
     stage.begin(&context.pipeline_text()?)?;
-    let bus = Bus::join(&context.domain, &context.name)?;
+    let mut bus = Bus::join(&context.domain, &context.name)?;
+    // Who only writes files can wait for those whose output others wait for.
+    if S::Output::SERVICES.is_empty() {
+        bus = bus.wake_last();
+    }
     let lossless = context.mode == evac_config::Mode::Lossless;
     let join_options = JoinOptions::new(lossless, context.has_kind(ODOMETRY_KINDS));
     let (join, mut listeners) = J::open(&bus, join_options)?;

@@ -3,10 +3,12 @@
 
 mod common;
 
+use std::time::Duration;
+
 use common::{Bench, pose, publish_scan};
 use evac_ports::services::{OdometryPose, ScanDeskewed};
-use evac_ports::{FramePublisher, RecordPublisher};
-use evac_stage::joins::{JoinOptions, ScanPoseJoin};
+use evac_ports::{FramePublisher, RecordPublisher, now_ns};
+use evac_stage::joins::{Join as _, JoinOptions, ScanPoseJoin};
 
 struct Setup {
     bench: Bench,
@@ -60,6 +62,23 @@ fn a_scan_waits_for_the_pose_of_its_own_number() {
 }
 
 #[test]
+fn a_pose_wakes_the_mapper_and_where_its_scan_is_still_under_way_it_looks_again_soon() {
+    let mut setup = Setup::new();
+    let (mut join, listeners) = ScanPoseJoin::open(&setup.bench.bus, JoinOptions::new(false, true)).unwrap();
+    assert_eq!(listeners.len(), 1, "a scan without its pose wakes nobody");
+    setup.scans([0]);
+    assert_eq!(setup.handle(&mut join), [0; 0]);
+    assert_eq!(join.deadline_ns(), None);
+    setup.poses([0, 1]);
+    listeners[0].wait(Duration::from_secs(3600)).unwrap();
+    assert_eq!(setup.handle(&mut join), [0]);
+    assert!(join.deadline_ns().is_some_and(|at_ns| at_ns <= now_ns() + 1_000_000));
+    setup.scans([1]);
+    assert_eq!(setup.handle(&mut join), [1]);
+    assert_eq!(join.deadline_ns(), None);
+}
+
+#[test]
 fn a_scan_whose_pose_was_lost_is_counted_as_late_and_the_next_ones_are_handed_on() {
     let mut setup = Setup::new();
     let mut join = setup.join();
@@ -89,12 +108,28 @@ fn an_odometry_that_stops_leaves_scans_that_are_counted_and_block_nobody() {
         setup.scans([seq]);
         assert_eq!(setup.handle(&mut join), [0; 0]);
     }
-    // 20 are held.
-    assert_eq!(setup.bench.reporter.input.lost, 80);
     setup.poses(90..100);
     assert_eq!(setup.handle(&mut join), (90..100).collect::<Vec<_>>());
+    // The first 20 were held and the newest 32 kept for it, until poses passed them by.
     let input = setup.bench.reporter.input;
-    assert_eq!((input.lost, input.late), (80, 10));
+    assert_eq!((input.lost, input.late), (48, 42));
+}
+
+#[test]
+fn an_odometry_that_was_behind_by_more_than_is_held_finds_every_scan() {
+    let mut setup = Setup::new();
+    let mut join = setup.join();
+    for seq in 0..45 {
+        setup.scans([seq]);
+        assert_eq!(setup.handle(&mut join), [0; 0]);
+    }
+    setup.poses(0..30);
+    let mut handled = setup.handle(&mut join);
+    setup.poses(30..45);
+    handled.extend(setup.handle(&mut join));
+    assert_eq!(handled, (0..45).collect::<Vec<_>>());
+    let input = setup.bench.reporter.input;
+    assert_eq!((input.lost, input.late), (0, 0));
 }
 
 #[test]

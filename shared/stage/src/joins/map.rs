@@ -19,13 +19,15 @@ const RESUME_AGAIN_NS: i64 = 200_000_000;
 #[derive(Debug)]
 pub(crate) enum MapSample {
     Update(FrameSample<MapUpdate>),
+    /// An update whose changes come with the snapshot after it: its frame is handed on, and nothing of the map.
+    Covered(FrameSample<MapUpdate>),
     Snapshot(FrameSample<MapSnapshot>),
 }
 
 impl MapSample {
     pub(crate) fn header(&self) -> &MapHeader {
         match self {
-            Self::Update(sample) => sample.header(),
+            Self::Update(sample) | Self::Covered(sample) => sample.header(),
             Self::Snapshot(sample) => sample.header(),
         }
     }
@@ -33,6 +35,7 @@ impl MapSample {
     pub(crate) fn message(&self) -> MapMessage<'_> {
         let voxels: &[Voxel] = match self {
             Self::Update(sample) => sample.items(),
+            Self::Covered(_) => &[],
             Self::Snapshot(sample) => sample.items(),
         };
         MapMessage { header: self.header(), voxels }
@@ -73,7 +76,7 @@ pub(crate) struct MapStream {
     updates: GatedFrames<MapUpdate>,
     snapshots: FrameSubscriber<MapSnapshot>,
     request: RequestSender,
-    /// What was not handed on yet, in order; a snapshot only in front.
+    /// What was not handed on yet, in order; a snapshot only in front, or after what it covers.
     held: VecDeque<MapSample>,
     limit: u64,
     /// The map after the last message that was handed on; `None` before the first.
@@ -128,8 +131,21 @@ impl MapStream {
         self.held.front().filter(|_| self.is_in_step())
     }
 
+    /// Number of the first message that is held, whether it can be handed on or not.
+    pub(crate) fn first(&self) -> Option<u64> {
+        self.held.front().map(MapSample::seq)
+    }
+
     pub(crate) fn take_in(&mut self, reporter: &mut Reporter) -> Result<(), PortError> {
-        while let Some(update) = self.updates.receive(&mut reporter.input)? {
+        // Before the updates: all that a snapshot covers is here with it.
+        let mut snapshots = Vec::new();
+        while let Some(snapshot) = self.snapshots.receive()? {
+            snapshots.push(snapshot);
+        }
+        // What there is no room for stays where it is. While a snapshot is waited for, the newest updates are those that will join it.
+        while (self.held.len() < MAX_HELD || !self.is_in_step())
+            && let Some(update) = self.updates.receive(&mut reporter.input)?
+        {
             reporter.received(update.header().frame.sent_ns);
             self.held.push_back(MapSample::Update(update));
             if self.held.len() > MAX_HELD {
@@ -137,9 +153,7 @@ impl MapStream {
                 reporter.input.lost += u64::from(self.known.is_some());
             }
         }
-        while let Some(snapshot) = self.snapshots.receive()? {
-            self.offer(snapshot, reporter);
-        }
+        snapshots.into_iter().for_each(|snapshot| self.offer(snapshot));
         self.ask_if_needed()
     }
 
@@ -160,7 +174,7 @@ impl MapStream {
     }
 
     /// Goes on from a snapshot where one is needed and nothing is missing between it and the held updates.
-    fn offer(&mut self, snapshot: FrameSample<MapSnapshot>, reporter: &mut Reporter) {
+    fn offer(&mut self, snapshot: FrameSample<MapSnapshot>) {
         if self.is_in_step() && self.resuming.is_none() {
             return;
         }
@@ -175,11 +189,21 @@ impl MapStream {
         if !joins {
             return;
         }
-        let covered = self.held.iter().filter(|update| update.seq() < header.frame.seq).count();
-        self.held.retain(|update| update.seq() > header.frame.seq);
-        self.held.push_front(MapSample::Snapshot(snapshot));
-        // Their changes are in the snapshot, but the frames are not handed on. A late joiner misses nothing.
-        reporter.input.lost += if self.known.is_some() { covered as u64 } else { 0 };
+        let later = self.held.iter().position(|update| update.seq() > header.frame.seq);
+        let mut later = self.held.split_off(later.unwrap_or(self.held.len()));
+        for sample in std::mem::take(&mut self.held) {
+            match sample {
+                // A late joiner has no use for what was before.
+                MapSample::Update(update) | MapSample::Covered(update)
+                    if self.known.is_some() && update.header().frame.seq < header.frame.seq =>
+                {
+                    self.held.push_back(MapSample::Covered(update));
+                }
+                _ => {}
+            }
+        }
+        self.held.push_back(MapSample::Snapshot(snapshot));
+        self.held.append(&mut later);
     }
 
     fn ask_if_needed(&mut self) -> Result<(), PortError> {

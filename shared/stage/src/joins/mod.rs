@@ -44,7 +44,8 @@ impl JoinOptions {
     }
 }
 
-/// Scans that a join may hold while it waits for their partners; below what the services let a subscriber borrow.
+/// Scans that a join may hold while it waits for their partners; below what the services let a subscriber borrow. Those after them
+/// wait in the port, which keeps 32.
 pub(crate) const MAX_HELD: usize = 20;
 
 /// Collects from several services what one call of a stage needs.
@@ -91,7 +92,7 @@ pub trait Join: Sized {
         Some(*frame)
     }
 
-    /// Host monotonic time at which `next` will go on without what has not come.
+    /// Host monotonic time at which to look again: `next` will go on without what has not come, or something may have come that wakes nobody.
     fn deadline_ns(&self) -> Option<i64> {
         None
     }

@@ -63,6 +63,11 @@ impl Salvage {
         self.from = None;
     }
 
+    /// The first frame that is still to be handed on, as far as it is known.
+    pub(super) fn first(&self, map: &MapStream) -> Option<u64> {
+        self.from.map(|(from, _)| from).or_else(|| map.first())
+    }
+
     pub(super) fn done(&mut self, frame: &FrameHeader) -> Option<FrameHeader> {
         if self.again.take_if(|seq| *seq == frame.seq).is_some() { None } else { Some(*frame) }
     }

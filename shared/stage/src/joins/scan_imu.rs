@@ -62,7 +62,10 @@ where
         if PRIOR {
             let (port, listener) = GatedRecords::open(bus)?;
             pose_port = Some(port);
-            listeners.push(listener);
+            // Live, a pose waits for the next scan; only who waits for the pose is woken by it.
+            if options.lossless {
+                listeners.push(listener);
+            }
         }
         let join = Self {
             scans,
@@ -105,14 +108,12 @@ where
                 self.priors.push_back(pose);
             }
         }
-        while let Some(scan) = self.scans.receive(&mut reporter.input)? {
-            let frame = scan.header().frame;
-            reporter.received(frame.sent_ns);
+        // What there is no room for stays where it is.
+        while self.held.len() < MAX_HELD
+            && let Some(scan) = self.scans.receive(&mut reporter.input)?
+        {
+            reporter.received(scan.header().frame.sent_ns);
             self.held.push_back((scan, now_ns()));
-            if self.held.len() > MAX_HELD {
-                self.held.pop_front();
-                reporter.input.lost += 1;
-            }
         }
         while let Some(sample) = self.imu_port.receive()? {
             self.take_imu(sample, reporter);

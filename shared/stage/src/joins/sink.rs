@@ -70,13 +70,7 @@ impl Join for SinkJoin {
         // The map first: it is published last, so the partners of every update taken here are here too.
         self.map.take_in(reporter)?;
         self.poses.take_in()?;
-        // What is missing is counted where it would have been joined.
-        while let Some(scan) = self.scans.receive(&mut InputCounters::default())? {
-            self.held.push_back(scan);
-            if self.held.len() > MAX_HELD {
-                self.held.pop_front();
-            }
-        }
+        self.take_scans()?;
         while let Some(truth) = self.truth_port.receive()? {
             self.truth.push_back(truth);
             if self.truth.len() > MAX_TRUTH {
@@ -149,11 +143,29 @@ impl Join for SinkJoin {
 }
 
 impl SinkJoin {
-    /// The scan with that number, where it has come; older scans and true poses are done with.
-    fn scan_of(&mut self, seq: u64) -> Option<FrameSample<ScanDeskewed>> {
+    /// Takes scans as far as there is room; those that no update will come for make some.
+    fn take_scans(&mut self) -> Result<(), PortError> {
+        let first = self.salvage.first(&self.map).unwrap_or(0);
+        loop {
+            self.pass_scans(first);
+            if self.held.len() == MAX_HELD {
+                return Ok(());
+            }
+            // What is missing is counted where it would have been joined.
+            let Some(scan) = self.scans.receive(&mut InputCounters::default())? else { return Ok(()) };
+            self.held.push_back(scan);
+        }
+    }
+
+    fn pass_scans(&mut self, seq: u64) {
         while self.held.front().is_some_and(|scan| scan.header().frame.seq < seq) {
             self.held.pop_front();
         }
+    }
+
+    /// The scan with that number, where it has come; older scans and true poses are done with.
+    fn scan_of(&mut self, seq: u64) -> Option<FrameSample<ScanDeskewed>> {
+        self.pass_scans(seq);
         while self.truth.front().is_some_and(|truth| truth.frame.seq < seq) {
             self.truth.pop_front();
         }

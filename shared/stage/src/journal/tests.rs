@@ -135,6 +135,21 @@ fn who_takes_over_replaces_what_another_wrote_only_when_everything_is_written() 
 }
 
 #[test]
+fn what_held_everything_once_does_not_keep_its_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut journal = Journal::open(&place(folder.path()), Start::Whole).unwrap();
+    let all = 100_000;
+    for seq in 0..3 * LOSSLESS_SLIPS as u64 {
+        let written = journal.write(Head { seq, lineage: 3 }, |entry, whole| {
+            assert_eq!(whole, seq == 0);
+            assert!(entry.voxels.capacity() < all, "{seq}: {}", entry.voxels.capacity());
+            entry.voxels.extend((0..if whole { all } else { 10 }).map(|i| voxel(i as u16, 2, 0.5)));
+        });
+        assert!(written);
+    }
+}
+
+#[test]
 fn without_a_journal_nothing_is_read_back() {
     let folder = tempfile::tempdir().unwrap();
     assert_eq!(Content::read(folder.path()).1, None);

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender};
 use std::time::{Duration, Instant};
 
 use super::file::Log;
-use super::{Place, Slip, merge};
+use super::{Entry, Place, Slip, merge};
 
 /// Time between two visits to the disk.
 const SYNC: Duration = Duration::from_secs(1);
@@ -62,6 +62,8 @@ impl Writer {
         if slip.whole {
             let (head, entry) = (slip.head, &mut slip.entry);
             self.log.rotate(|writer| merge::write_whole(head, entry, writer))?;
+            // Everything is far more than what the next frames change, and this slip would keep its size.
+            *entry = Entry::default();
             return self.measure();
         }
         self.log.write(slip.head, &slip.entry)?;
