@@ -103,14 +103,14 @@ impl Lio {
     /// Whether the scan goes into the section that the pose is in, into a new one or back into an old one.
     fn choose_section(&mut self, filter: &mut Filter, report: &Report) {
         if let Some(id) = report.anchor {
-            filter.sections.return_to(id, &filter.state, &mut filter.covariance);
+            filter.sections.return_to(id, &mut filter.state, &mut filter.covariance);
             filter.returning = RETURNING_FRAMES;
             self.diagnostics.sections_returned_to += 1;
             return;
         }
         let unseen = report.selected - report.in_view;
         if unseen * NEW_GROUND_SHARE > report.selected && filter.position_sigma() > SECTION_SIGMA {
-            filter.sections.begin(&filter.state, &mut filter.covariance);
+            filter.sections.begin(&mut filter.state, &mut filter.covariance);
             self.diagnostics.sections_begun += 1;
         }
     }

@@ -10,7 +10,7 @@ use super::filter::Filter;
 use super::matching::Known;
 use super::offset_search::{Attitude, Found};
 use super::stage::Lio;
-use super::state::{Covariance, State, add_variance, at};
+use super::state::{Covariance, State, add_variance, at, copy_places};
 use super::tracking::middle_ns;
 
 /// Added to the gates of the associations, metres: so wide that what a wrong clock has displaced still counts.
@@ -70,6 +70,7 @@ impl Lio {
         let mut covariance = Covariance::zeros();
         add_variance(&mut covariance, at::ROTATION, FREE_ROTATION.powi(2));
         add_variance(&mut covariance, at::POSITION, FREE_POSITION.powi(2));
+        copy_places(&filter.covariance, &mut covariance);
         let report = correct(
             &Known { map: &self.map, sections: &filter.sections },
             &self.selected,

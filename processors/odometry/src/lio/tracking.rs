@@ -12,7 +12,7 @@ use super::imu::Reading;
 use super::matching::{Known, select};
 use super::propagation::{Noise, TracePoint, propagate};
 use super::stage::{Lio, MAX_POINTS, MAX_SELECTED, valid};
-use super::state::State;
+use super::state::{State, uncouple_places};
 
 /// Added to the gates of the associations: while all is well, while settling, and while lost or without an IMU, metres.
 const GATE: &[f64] = &[0.0, 0.0];
@@ -37,8 +37,12 @@ impl Lio {
         let Some(mut filter) = self.filter.take() else { return PoseFrame::default() };
         let before = (filter.state, filter.covariance);
         let is_led = self.predict(&mut filter, input);
+        if is_led {
+            // What carried the pose on was a guess: how it went wrong says nothing about gravity or the sensors.
+            uncouple_places(&mut filter.covariance);
+        }
         let predicted = (filter.state, filter.covariance);
-        self.following.predict((!is_led).then(|| filter.state.map_from_imu()));
+        self.following.predict((!is_led).then(|| filter.origin_from_imu()));
         let mut middle = self.middle(&filter, input);
         if filter.settling.is_some() {
             // Scans that are smeared by an unknown velocity say nothing about the clocks.
