@@ -3,11 +3,12 @@
 
 use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector};
 
-use super::degeneracy::Degeneracy;
+use super::degeneracy::{Degeneracy, OBSERVED};
 use super::deskew::Twist;
+use super::joint::{Joint, SEEN, seen_columns, seen_rows};
 use super::matching::{Known, Match, Search, Selected, associate, pose_row};
-use super::sections::{PoseCovariance, SectionId, Sections};
-use super::state::{Covariance, DIM, Error, MEASURED, State, at};
+use super::sections::{PoseCovariance, SectionId, Sections, pose_by_offset};
+use super::state::{Covariance, Error, MEASURED, State, at};
 
 /// Points of a frame are not independent (shared beam, time and surface errors): variance times this. Chosen
 /// among 20, 30, 40 and 60 on the walks of series 0 (docs/odometry.md).
@@ -20,6 +21,15 @@ const PLANE_FLOOR: f64 = 0.003;
 const ANCHOR_SHARE: usize = 3;
 /// The present section must have one match in so many for its residuals to count.
 const RESIDUAL_SHARE: usize = 10;
+/// Position less certain than this, metres (standard deviation): see [`Information::cut`].
+const DARK: f64 = 0.2;
+/// Directions that a blank wall leaves open.
+const BLANK: usize = 2;
+/// Distance at which a rotation counts like a displacement, metres.
+const LEVER: f64 = 5.0;
+/// A section's place is estimated along while it is known to this, metres (standard deviation). Beyond, a false plane that the wide gate
+/// lets in would move the place once and for good.
+const KNOWN_PLACE: f64 = 0.01;
 /// Iterations after the last association.
 const REFINEMENTS: usize = 2;
 
@@ -31,13 +41,15 @@ pub(crate) struct Gate {
     /// Standard deviation added in each association, metres, one association each: a wide one finds the way to the map
     /// after a loss, and what it let in wrongly goes out again with the narrower ones after it.
     pub(crate) floors: &'static [f64],
+    /// A pose that is very uncertain does not believe what little a blank wall shows of the directions along it.
+    pub(crate) doubts_walls: bool,
 }
 
 /// Information of a frame about the measured part of the error.
 #[derive(Debug, Clone, Copy, Default)]
-struct Information {
-    matrix: Measured,
-    vector: SVector<f64, MEASURED>,
+pub(crate) struct Information {
+    pub(crate) matrix: Measured,
+    pub(crate) vector: SVector<f64, MEASURED>,
     /// See [`Report::seen_information`].
     seen: Matrix3<f64>,
     /// Sum of squared normalised residuals, and their number: of the present section, as how others lie is part of
@@ -95,24 +107,34 @@ pub(crate) fn correct(
     matches: &mut Vec<Match>,
 ) -> Report {
     let prior = *state;
-    let p_columns: SMatrix<f64, DIM, MEASURED> = covariance.fixed_columns::<MEASURED>(0).into_owned();
-    let p_measured: SMatrix<f64, MEASURED, MEASURED> = p_columns.fixed_rows::<MEASURED>(0).into_owned();
+    let p_columns = seen_columns(covariance);
+    let p_seen = seen_rows(&p_columns);
     let mut report = Report { selected: selected.len(), ..Report::default() };
-    let predicted: PoseCovariance = p_measured.fixed_view::<6, 6>(0, 0).into_owned();
+    let predicted: PoseCovariance = p_seen.fixed_view::<6, 6>(0, 0).into_owned();
+    let is_dark = gate.doubts_walls
+        && predicted.fixed_view::<3, 3>(at::POSITION, at::POSITION).symmetric_eigenvalues().max().sqrt()
+            > DARK;
     let mut d = Error::zeros();
-    let mut gain = None;
+    let mut last = None;
     for iteration in 0..gate.floors.len() + REFINEMENTS {
         let here = prior.plus(&d);
         if let Some(floor) = gate.floors.get(iteration) {
             let search = Search {
                 predicted: &predicted,
+                covariance,
                 first: iteration == 0,
                 range_noise: gate.range_noise,
                 gate_floor: *floor,
             };
             report.in_view = associate(known, selected, &here, &search, matches);
         }
-        let information = accumulate(matches, &here, twist, known.sections);
+        let (mut information, mut joint) = accumulate(matches, &here, covariance, twist, known.sections);
+        if is_dark {
+            information.cut();
+            // What was cut must not be laid to the sections' places either.
+            joint = Joint::default();
+            joint.add(&information);
+        }
         report.anchor = information.anchor;
         report.used = matches.len();
         // A handful of points says nothing about how well the whole fits.
@@ -122,43 +144,59 @@ pub(crate) fn correct(
         report.position_information =
             information.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
         report.seen_information = information.seen;
-        let lu = (SMatrix::identity() + information.matrix * p_measured).lu();
+        let lu = (SMatrix::<f64, SEEN, SEEN>::identity() + joint.matrix * p_seen).lu();
         // Residuals are not evaluated anew with the time offset: its linearisation point stays at zero.
-        let mut d_measured = d.fixed_rows::<MEASURED>(0).into_owned();
-        d_measured[at::TIME_OFFSET] = 0.0;
-        let Some(y) = lu.solve(&(information.vector + information.matrix * d_measured)) else { break };
+        let mut d_seen = seen_rows(&d);
+        d_seen[at::TIME_OFFSET] = 0.0;
+        let Some(y) = lu.solve(&(joint.vector + joint.matrix * d_seen)) else { break };
         d = p_columns * y;
-        gain = lu.solve(&information.matrix);
+        last = Some((lu, joint.matrix));
     }
-    let Some(gain) = gain else { return report };
-    report.nis = nis(&d, &p_measured);
+    let Some(gain) = last.and_then(|(lu, matrix)| lu.solve(&matrix)) else { return report };
+    report.nis = nis(&d, &predicted);
     *state = prior.plus(&d);
     *covariance -= p_columns * gain * p_columns.transpose();
     *covariance = (*covariance + covariance.transpose()) / 2.0;
     report
 }
 
-/// Sums the matches. Each section's sum is scaled down by the uncertainty of its place against the present one.
-fn accumulate(matches: &[Match], state: &State, twist: &Twist, sections: &Sections) -> Information {
-    let mut total = Information::default();
+/// Sums the matches: each section's sum scaled down by the uncertainty of its place against the present one, and the same with the places
+/// as unknowns where they are known well enough.
+fn accumulate(
+    matches: &[Match],
+    state: &State,
+    covariance: &Covariance,
+    twist: &Twist,
+    sections: &Sections,
+) -> (Information, Joint) {
+    let (mut total, mut joint) = (Information::default(), Joint::default());
+    let by_offset = pose_by_offset(state);
     for section in matches.chunk_by(|a, b| a.section == b.section) {
         let Some(id) = section.first().map(|matched| matched.section) else { continue };
-        let mut sum = sum_of(section, state, twist);
-        if id < sections.current() && sum.observes_position() && section.len() * ANCHOR_SHARE > matches.len()
-        {
+        let sum = sum_of(section, &state.moved(&sections.place(id, state).inverse()), twist);
+        let is_anchor = sections.is_left(id) && id < sections.current() && sum.observes_position();
+        if is_anchor && section.len() * ANCHOR_SHARE > matches.len() {
             total.anchor = total.anchor.or(Some(id));
         }
         total.seen += sum.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION);
         if id == sections.current() {
             total.squares += sum.squares;
             total.here += section.len();
-        } else {
-            sum.marginalise(&sections.pose_covariance(id, state));
+            total.add(&sum);
+            joint.add(&sum);
+            continue;
         }
-        total.matrix += sum.matrix;
-        total.vector += sum.vector;
+        let place = sections.pose_covariance(id, state, covariance);
+        let alone = sum.marginalised(&place);
+        total.add(&alone);
+        match sections.clone_of(id, state) {
+            Some((slot, apart)) if largest_sigma(&place) < KNOWN_PLACE => {
+                joint.add_displaced(&sum.marginalised(&apart), slot, &by_offset);
+            }
+            _ => joint.add(&alone),
+        }
     }
-    total
+    (total, joint)
 }
 
 /// Sums the matches with one section. Each cell's sum is scaled down by the error its points share: the plane's own.
@@ -193,30 +231,66 @@ fn sum_of(matches: &[Match], state: &State, twist: &Twist) -> Information {
 }
 
 impl Information {
+    /// Before a blank wall takes out the directions that are not observed, in position and in rotation: the little there is of them is
+    /// false as often as not (a plane laid across an edge), and an uncertain pose would believe it.
+    fn cut(&mut self) {
+        for (index, least) in [(at::POSITION, OBSERVED), (at::ROTATION, OBSERVED * LEVER.powi(2))] {
+            let eigen = self.matrix.fixed_view::<3, 3>(index, index).into_owned().symmetric_eigen();
+            if index == at::POSITION
+                && eigen.eigenvalues.iter().filter(|value| **value < least).count() < BLANK
+            {
+                return;
+            }
+            for (axis, value) in eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter()) {
+                if *value >= least {
+                    continue;
+                }
+                let mut direction = SVector::<f64, MEASURED>::zeros();
+                direction.fixed_rows_mut::<3>(index).copy_from(&axis);
+                let kept = Measured::identity() - direction * direction.transpose();
+                self.matrix = kept * self.matrix * kept;
+                self.vector = kept * self.vector;
+            }
+        }
+    }
+
     fn observes_position(&self) -> bool {
         let position: Matrix3<f64> = self.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION).into_owned();
         Degeneracy::of(&position).count == 0
     }
 
+    fn add(&mut self, other: &Self) {
+        self.matrix += other.matrix;
+        self.vector += other.vector;
+    }
+
     /// Takes out what an unknown displacement of what is measured against may explain: `A - A (A + S^-1)^-1 A`, without S^-1.
-    fn marginalise(&mut self, displacement: &PoseCovariance) {
+    fn marginalised(&self, displacement: &PoseCovariance) -> Self {
         let mut covariance = Measured::zeros();
         covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(displacement);
         let lu = (Measured::identity() + self.matrix * covariance).lu();
         match (lu.solve(&self.matrix), lu.solve(&self.vector)) {
             (Some(matrix), Some(vector)) => {
-                self.matrix = (matrix + matrix.transpose()) / 2.0;
-                self.vector = vector;
+                Self { matrix: (matrix + matrix.transpose()) / 2.0, vector, ..*self }
             }
-            _ => (self.matrix, self.vector) = (Measured::zeros(), SVector::zeros()),
+            _ => Self::default(),
         }
     }
 }
 
+/// Largest standard deviation of the position, metres.
+fn largest_sigma(pose: &PoseCovariance) -> f64 {
+    pose.fixed_view::<3, 3>(at::POSITION, at::POSITION)
+        .into_owned()
+        .symmetric_eigenvalues()
+        .max()
+        .max(0.0)
+        .sqrt()
+}
+
 /// Squared pose correction in units of its predicted covariance, per degree of freedom (design section 4).
-fn nis(d: &Error, p_measured: &SMatrix<f64, MEASURED, MEASURED>) -> f64 {
+fn nis(d: &Error, predicted: &PoseCovariance) -> f64 {
     let pose: SVector<f64, 6> = d.fixed_rows::<6>(0).into_owned();
-    let predicted: SMatrix<f64, 6, 6> = p_measured.fixed_view::<6, 6>(0, 0).into_owned();
     predicted.cholesky().map_or(0.0, |cholesky| pose.dot(&cholesky.solve(&pose)) / 6.0)
 }
 
@@ -251,7 +325,7 @@ mod tests {
         state: &mut State,
         covariance: &mut Covariance,
     ) -> Report {
-        let gate = Gate { range_noise: 0.02, floors: &[0.0; 2] };
+        let gate = Gate { range_noise: 0.02, floors: &[0.0; 2], doubts_walls: true };
         let known = Known { map, sections };
         correct(&known, selected, state, covariance, &Twist::default(), &gate, &mut Vec::new())
     }
@@ -262,7 +336,7 @@ mod tests {
         let mut covariance = Covariance::zeros();
         add_variance(&mut covariance, at::POSITION, 0.01);
         let mut sections = Sections::new();
-        sections.begin(&state, &mut covariance);
+        sections.begin(&mut state, &mut covariance);
         let report = matched(&wall(Vector3::zeros()), &sections, &mut state, &mut covariance);
         assert_eq!(Degeneracy::of(&report.position_information).count, 3);
         let open = Degeneracy::of(&report.seen_information);
@@ -284,5 +358,26 @@ mod tests {
         assert!(state.position.yz().norm() < 1e-3, "{:?}", state.position);
         let sigma = |i: usize| covariance[(at::POSITION + i, at::POSITION + i)].sqrt();
         assert!(sigma(0) < 0.02 && sigma(1) > 0.09 && sigma(2) > 0.09);
+    }
+
+    #[test]
+    fn one_who_does_not_know_where_he_is_does_not_believe_the_little_that_is_seen_along_a_wall() {
+        let (mut map, mut selected) = wall(Vector3::zeros());
+        for i in 0..2000 {
+            let noise = if i % 2 == 0 { 0.005 } else { -0.005 };
+            let (x, z) = (1.0 + f64::from(i % 50) * 0.01, f64::from(i / 50) * 0.02);
+            map.insert(&Vector3::new(x, 0.6 + noise, z), &Vector3::x());
+        }
+        // One point of a thousand seems to see the wall at the side, 2 cm off.
+        selected.push(select(&Isometry3::identity(), &Vector3::new(1.2, 0.58, 0.3)));
+        let along = |sigma: f64| {
+            let mut state = State::at_origin();
+            let mut covariance = Covariance::zeros();
+            add_variance(&mut covariance, at::POSITION, sigma * sigma);
+            matched(&(map.clone(), selected.clone()), &Sections::new(), &mut state, &mut covariance);
+            state.position.y.abs()
+        };
+        assert!(along(0.1) > 0.003, "{}", along(0.1));
+        assert!(along(0.5) < 1e-6, "{}", along(0.5));
     }
 }

@@ -4,7 +4,7 @@ use evac_geometry::nalgebra::{Matrix3, Vector3};
 
 /// Information on a direction below this, 1/m^2, says nothing about it: straights give 4e4 to 4e5, a blank wall
 /// 0.02 to 100 sideways.
-const OBSERVED: f64 = 1.5e3;
+pub(crate) const OBSERVED: f64 = 1.5e3;
 
 /// Directions in the map frame without information; `count` of them hold.
 #[derive(Debug, Clone, Copy, Default)]

@@ -12,7 +12,7 @@ use super::monitor::Monitor;
 use super::report::{lidar_covariance, pose_frame, sigma_us, waiting_frame};
 use super::sections::{PoseCovariance, Sections};
 use super::settling::Settling;
-use super::state::{Covariance, DIM, MOVING, State, add_variance, at};
+use super::state::{Covariance, DIM, MOVING, State, add_variance, at, copy_places};
 
 /// What each frame of a loss adds to the uncertainty: rotation (1 degree), velocity (m/s), position (m). The motion is then free
 /// to follow the match alone.
@@ -145,7 +145,7 @@ impl Filter {
         self.settling = Some(Settling::after_loss());
         let mut pose = PoseCovariance::identity() * RESTART_POSITION.powi(2);
         pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * RESTART_ROTATION.powi(2)));
-        self.sections.doubt(&self.state, &mut self.covariance, &pose);
+        self.sections.doubt(&mut self.state, &mut self.covariance, &pose);
     }
 
     /// Largest standard deviation of the position within the present section, metres.
@@ -165,10 +165,12 @@ impl Filter {
     /// Goes back to what was known of sensors and gravity at the start; pose and velocity stay, but nothing is known of how good
     /// they are.
     fn forget(&mut self) {
-        let State { rotation, position, velocity, .. } = self.state;
+        let State { rotation, position, velocity, places, .. } = self.state;
         let (state, covariance) = self.at_start;
-        self.state = State { rotation, position, velocity, ..state };
+        self.state = State { rotation, position, velocity, places, ..state };
+        let before = self.covariance;
         self.covariance = covariance;
+        copy_places(&before, &mut self.covariance);
         for index in (0..MOVING).filter(|index| *index != at::TIME_OFFSET) {
             self.covariance.row_mut(index).fill(0.0);
             self.covariance.column_mut(index).fill(0.0);
@@ -247,6 +249,7 @@ impl Filter {
             block.copy_from(new_from_old.to_rotation_matrix().matrix());
         }
         self.sections.clear();
+        copy_places(&Covariance::zeros(), &mut self.covariance);
         let velocity = self.covariance.fixed_view::<3, 3>(at::VELOCITY, at::VELOCITY).into_owned();
         let gravity = self.state.gravity;
         self.forget();
@@ -260,6 +263,11 @@ impl Filter {
         self.covariance = turn * self.covariance * turn.transpose();
         add_variance(&mut self.covariance, at::ROTATION, MOVING_ROTATION.powi(2));
         add_variance(&mut self.covariance, at::POSITION, MOVING_POSITION.powi(2));
+    }
+
+    /// Pose of the IMU relative to the map's origin.
+    pub(crate) fn origin_from_imu(&self) -> Isometry3<f64> {
+        self.sections.seen_from_origin(&self.state).map_from_imu()
     }
 
     pub(crate) fn is_finite(&self) -> bool {
@@ -293,13 +301,12 @@ impl Filter {
         report: &Report,
         tracking: TrackingState,
     ) -> PoseFrame {
-        let origin = self.sections.pose_covariance(0, &self.state);
-        let pose = self.covariance.fixed_view::<6, 6>(0, 0) + origin;
-        let covariance = lidar_covariance(&self.state, &pose, imu_from_lidar);
+        let pose = self.sections.origin_covariance(&self.state, &self.covariance);
+        let state = self.sections.seen_from_origin(&self.state);
+        let covariance = lidar_covariance(&state, &pose, imu_from_lidar);
         let quality = report.quality();
         let degeneracy = if self.open.count > 0 { &self.open } else { &self.degeneracy };
-        let mut pose =
-            pose_frame(frame, &self.state, covariance, imu_from_lidar, degeneracy, quality, tracking);
+        let mut pose = pose_frame(frame, &state, covariance, imu_from_lidar, degeneracy, quality, tracking);
         pose.time_offset_sigma_us = sigma_us(self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)]);
         pose
     }

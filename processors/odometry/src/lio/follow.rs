@@ -7,7 +7,7 @@ use evac_stage::{Counters, ScanWithImu};
 
 use super::filter::Filter;
 use super::initialisation::Start;
-use super::sections::Sections;
+use super::sections::{ORIGIN, Sections};
 use super::stage::{Lio, insert_all};
 use super::state::{Covariance, State, add_variance, at};
 use crate::follow::{Following, Standby};
@@ -63,11 +63,13 @@ impl Standby for Lio {
     }
 
     fn pose(&self) -> Option<Isometry3<f64>> {
-        self.filter.as_ref().map(|filter| filter.state.map_from_imu())
+        self.filter.as_ref().map(Filter::origin_from_imu)
     }
 
     fn take_over(&mut self, routed: &PoseFrame) {
+        self.approach.restart();
         let Some(filter) = &mut self.filter else { return };
+        let current_from_origin = filter.sections.place(ORIGIN, &filter.state);
         let state = &mut filter.state;
         state.rotation = map_from_imu(routed).rotation;
         state.position = routed.imu_position.into();
@@ -80,6 +82,7 @@ impl Standby for Lio {
             state.gravity = gravity * (STANDARD_GRAVITY / gravity.norm());
         }
         state.time_offset_s = routed.time_offset_ns as f64 * 1e-9;
+        *state = state.moved(&current_from_origin);
         filter.stamp_ns = routed.frame.end_ns - filter.state.offset_ns();
     }
 }

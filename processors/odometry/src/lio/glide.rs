@@ -45,7 +45,7 @@ impl Lio {
             &mut state,
             &mut covariance,
             &Twist::default(),
-            &Gate { range_noise: self.config.range_noise_m, floors: GATE },
+            &Gate { range_noise: self.config.range_noise_m, floors: GATE, doubts_walls: false },
             &mut self.matches,
         );
         self.sections = Some(sections);

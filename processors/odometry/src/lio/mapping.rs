@@ -44,6 +44,8 @@ impl Lio {
             degenerate,
             returning: filter.returning > 0,
             after_gap: gap_s > MAX_STEP_S,
+            position_sigma: filter.position_sigma(),
+            is_blank: filter.degeneracy.count > 1,
             range_m: ranges.sum::<f64>() / self.points.len().div_ceil(RANGE_STRIDE).max(1) as f64,
         };
         filter.returning = filter.returning.saturating_sub(1);
@@ -101,14 +103,14 @@ impl Lio {
     /// Whether the scan goes into the section that the pose is in, into a new one or back into an old one.
     fn choose_section(&mut self, filter: &mut Filter, report: &Report) {
         if let Some(id) = report.anchor {
-            filter.sections.return_to(id, &filter.state, &mut filter.covariance);
+            filter.sections.return_to(id, &mut filter.state, &mut filter.covariance);
             filter.returning = RETURNING_FRAMES;
             self.diagnostics.sections_returned_to += 1;
             return;
         }
         let unseen = report.selected - report.in_view;
         if unseen * NEW_GROUND_SHARE > report.selected && filter.position_sigma() > SECTION_SIGMA {
-            filter.sections.begin(&filter.state, &mut filter.covariance);
+            filter.sections.begin(&mut filter.state, &mut filter.covariance);
             self.diagnostics.sections_begun += 1;
         }
     }

@@ -1,11 +1,11 @@
 //! Which plane a point lies on (design section 5.5).
 
-use evac_geometry::nalgebra::{Isometry3, SVector, Vector3};
+use evac_geometry::nalgebra::{Isometry3, Point3, SVector, Vector3};
 
 use super::cell::POINT_FLOOR;
 use super::plane_map::{EDGES, PlaneMap};
 use super::sections::{PoseCovariance, SectionId, Sections};
-use super::state::State;
+use super::state::{Covariance, State};
 
 /// Gate on the residual in standard deviations, squared.
 const GATE_SQUARED: f64 = 9.0;
@@ -38,7 +38,7 @@ pub(crate) struct Match {
     order: u32,
     /// In the IMU frame.
     pub(crate) point: Vector3<f64>,
-    /// Unit normal, map frame.
+    /// Unit normal, the section's map frame.
     pub(crate) normal: Vector3<f64>,
     /// `normal . centroid`.
     pub(crate) offset: f64,
@@ -61,8 +61,9 @@ pub(crate) struct Known<'a> {
 /// How far from the pose at hand planes are looked for.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Search<'a> {
-    /// Covariance of the pose before the match.
+    /// Covariance of the pose before the match, and of all else.
     pub(crate) predicted: &'a PoseCovariance,
+    pub(crate) covariance: &'a Covariance,
     /// The pose at hand is the predicted one.
     pub(crate) first: bool,
     /// Range noise, metres.
@@ -83,12 +84,12 @@ pub(crate) fn associate(
     matches: &mut Vec<Match>,
 ) -> usize {
     let Known { map, sections } = known;
-    let Search { predicted, first, range_noise, gate_floor } = *search;
+    let Search { predicted, covariance, first, range_noise, gate_floor } = *search;
     matches.clear();
     let rotation = state.rotation.to_rotation_matrix();
     let mut in_view = 0;
     // Neighbouring points mostly see the same section.
-    let mut recent = (sections.current(), PoseCovariance::zeros());
+    let mut recent = (sections.current(), PoseCovariance::zeros(), Isometry3::identity());
     for (order, candidate) in (0..).zip(selected) {
         let point = rotation * candidate.point + state.position;
         let beam = rotation * candidate.beam;
@@ -97,6 +98,16 @@ pub(crate) fn associate(
         for level in 0..EDGES.len() {
             let Some((index, cell)) = map.find(level, &point) else { continue };
             let Some(plane) = cell.plane() else { continue };
+            if cell.section != recent.0 {
+                let id = cell.section;
+                recent = (
+                    id,
+                    sections.pose_covariance(id, state, covariance),
+                    sections.place(id, state).inverse(),
+                );
+            }
+            // In the map frame of the cell's section.
+            let point = (recent.2 * Point3::from(point)).coords;
             let leverage = plane.leverage(&point);
             if leverage > MAX_LEVERAGE {
                 continue;
@@ -113,14 +124,8 @@ pub(crate) fn associate(
             let h =
                 pose_row(&rotation.inverse_transform_vector(&plane.normal), &plane.normal, &candidate.point);
             let pose_variance = h.dot(&(predicted * h));
-            let mut variance = total + gate_floor * gate_floor;
+            let mut variance = total + gate_floor * gate_floor + h.dot(&(recent.1 * h));
             variance += if first { pose_variance } else { 0.0 };
-            if cell.section != sections.current() {
-                if cell.section != recent.0 {
-                    recent = (cell.section, sections.pose_covariance(cell.section, state));
-                }
-                variance += h.dot(&(recent.1 * h));
-            }
             if residual * residual < GATE_SQUARED * variance {
                 let matched = Match {
                     section: cell.section,

@@ -2,13 +2,14 @@
 //!
 //! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`], [`glide`]); then [`tracking`] carries the
 //! [`filter`] on by the IMU ([`imu`], [`propagation`]), brings points to the frame's end where that was not done ([`deskew`]), matches
-//! them with planes ([`matching`], [`plane_map`], [`cell`]), corrects ([`correction`]), says what was not observed
+//! them with planes ([`matching`], [`plane_map`], [`cell`]), corrects ([`correction`], [`joint`]), says what was not observed
 //! ([`degeneracy`]), judges and maps ([`mapping`], [`monitor`], [`settling`], [`sections`]), and reports ([`report`]). The offset between the
 //! clocks is searched for meanwhile ([`scout`], [`offset_search`]). A standby follows another odometry instead ([`follow`]).
 //!
 //! Mathematics: iterated error-state Kalman filter after Xu et al. 2022 (FAST-LIO2), voxel planes with their uncertainty
 //! after Yuan et al. 2022 (VoxelMap), in the information form of [`correction`] that inverts neither prior nor information.
 
+mod approach;
 mod cell;
 mod config;
 mod correction;
@@ -19,6 +20,7 @@ mod follow;
 mod glide;
 mod imu;
 mod initialisation;
+mod joint;
 mod mapping;
 mod matching;
 mod monitor;

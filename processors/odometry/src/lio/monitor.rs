@@ -34,6 +34,8 @@ const FOUND_RESIDUAL: f64 = 1.8;
 const FOUND_FRAMES: u32 = 5;
 /// After so many frames without recovery the map is started anew from where dead reckoning says.
 const RESTART_FRAMES: u32 = 30;
+/// A position more certain than this is known again, metres (standard deviation).
+const PLACED: f64 = 0.1;
 
 /// What to do with the frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,6 +65,10 @@ pub(crate) struct Expected {
     pub(crate) after_gap: bool,
     /// Mean range of the scan's points, metres.
     pub(crate) range_m: f64,
+    /// Standard deviation of the position in its least certain direction, metres.
+    pub(crate) position_sigma: f64,
+    /// More than one direction is not observed: before a blank wall.
+    pub(crate) is_blank: bool,
 }
 
 /// Memory of the frames before.
@@ -121,10 +127,10 @@ impl Monitor {
             // A false match sees few planes, and agrees with those; before a blank wall any place fits.
             let found = share > FOUND_SHARE && used_share > FOUND_SHARE * self.usual_share;
             // Before a blank wall that fits there is nothing to give up; a new map would begin no better there.
-            self.frames_lost += u32::from(!(expected.degenerate && share > FOUND_SHARE));
-            return self.while_lost(
-                viewed && found && report.residual < FOUND_RESIDUAL && possible && !expected.degenerate,
-            );
+            self.frames_lost += u32::from(!(expected.is_blank && share > FOUND_SHARE));
+            let is_placed = expected.position_sigma < PLACED;
+            return self
+                .while_lost(viewed && found && report.residual < FOUND_RESIDUAL && possible && is_placed);
         }
         // Something stands before the sensor: nothing says that the pose is wrong.
         let fall = if self.recent_share > SEEN_SHARE { used_share / self.recent_share } else { 1.0 };
@@ -229,6 +235,24 @@ mod tests {
         // As sudden, but as far away as ever: a match that fails.
         assert_eq!(judge(2300, 4.0), Verdict::Good);
         assert_eq!(judge(20, 4.0), Verdict::Doubtful);
+    }
+
+    #[test]
+    fn a_place_that_is_found_in_a_corridor_is_found_though_a_direction_rests_on_the_imu() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge = |report: &Report, position_sigma: f64| {
+            let expected = Expected { degenerate: true, position_sigma, ..Expected::default() };
+            monitor.judge(report, expected, &standing(), &config)
+        };
+        for _ in 0..50 {
+            judge(&report(2300, 0.9, 0.05), 0.01);
+        }
+        let lost: Vec<_> = (0..3).map(|_| judge(&report(100, 1.0, 0.05), 0.01)).collect();
+        assert_eq!(lost.last(), Some(&Verdict::JustLost));
+        // It fits, but nobody knows where along the corridor.
+        assert!((0..10).all(|_| judge(&report(2200, 1.0, 0.05), 2.0 * PLACED) == Verdict::Lost));
+        let found: Vec<_> = (0..5).map(|_| judge(&report(2200, 1.0, 0.05), 0.02)).collect();
+        assert_eq!(found[3..], [Verdict::Lost, Verdict::Good]);
     }
 
     #[test]

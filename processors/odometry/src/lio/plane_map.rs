@@ -14,7 +14,7 @@ const COORDINATE_BITS: u32 = 20;
 const EMPTY: u64 = 0;
 
 /// Voxels of all levels behind one open-addressing table; both are allocated once.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct PlaneMap {
     cells: Vec<Cell>,
     max_cells: usize,

@@ -5,7 +5,7 @@ use evac_geometry::{exp_so3, log_so3, skew};
 
 use super::config::LioConfig;
 use super::imu::{Reading, between};
-use super::state::{Covariance, DIM, MOVING, State, add_variance, at};
+use super::state::{Covariance, DIM, MOVING, OWN, State, add_variance, at};
 
 /// White noise is given per sample at this period.
 const NOISE_PERIOD_S: f64 = 0.005;
@@ -230,7 +230,7 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     let accel = (rotation * force_a + next * force_b) / 2.0 + state.gravity;
 
     // Only the moving part changes: `change` holds its rows of the transition matrix.
-    let mut change = SMatrix::<f64, MOVING, DIM>::identity();
+    let mut change = SMatrix::<f64, MOVING, OWN>::identity();
     let mut set = |row: usize, column: usize, block: &Matrix3<f64>| {
         change.fixed_view_mut::<3, 3>(row, column).copy_from(block);
     };
@@ -261,10 +261,12 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     set(at::POSITION, at::ACCEL_BIAS, &(by_bias * (h / 2.0)));
     set(at::POSITION, at::MISALIGNMENT, &(by_misalignment * (h / 2.0)));
     set(at::POSITION, at::GRAVITY, &(identity_h * (h / 2.0)));
-    let moved: SMatrix<f64, MOVING, DIM> = change * *covariance;
+    let moved: SMatrix<f64, MOVING, DIM> = change * covariance.fixed_rows::<OWN>(0);
     covariance.fixed_view_mut::<MOVING, DIM>(0, 0).copy_from(&moved);
     covariance.fixed_view_mut::<DIM, MOVING>(0, 0).copy_from(&moved.transpose());
-    covariance.fixed_view_mut::<MOVING, MOVING>(0, 0).copy_from(&(moved * change.transpose()));
+    covariance
+        .fixed_view_mut::<MOVING, MOVING>(0, 0)
+        .copy_from(&(moved.fixed_columns::<OWN>(0) * change.transpose()));
 
     let gyro_noise = if held { noise.held_gyro } else { noise.gyro };
     add_variance(covariance, at::ROTATION, gyro_noise.powi(2) * NOISE_PERIOD_S * h);

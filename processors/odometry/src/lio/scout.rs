@@ -10,7 +10,7 @@ use super::filter::Filter;
 use super::matching::Known;
 use super::offset_search::{Attitude, Found};
 use super::stage::Lio;
-use super::state::{Covariance, State, add_variance, at};
+use super::state::{Covariance, State, add_variance, at, copy_places};
 use super::tracking::middle_ns;
 
 /// Added to the gates of the associations, metres: so wide that what a wrong clock has displaced still counts.
@@ -70,13 +70,14 @@ impl Lio {
         let mut covariance = Covariance::zeros();
         add_variance(&mut covariance, at::ROTATION, FREE_ROTATION.powi(2));
         add_variance(&mut covariance, at::POSITION, FREE_POSITION.powi(2));
+        copy_places(&filter.covariance, &mut covariance);
         let report = correct(
             &Known { map: &self.map, sections: &filter.sections },
             &self.selected,
             &mut state,
             &mut covariance,
             &middle.twist,
-            &Gate { range_noise: self.config.range_noise_m, floors },
+            &Gate { range_noise: self.config.range_noise_m, floors, doubts_walls: false },
             &mut self.matches,
         );
         (report.used * 2 > report.selected && state.is_finite()).then(|| Scout {

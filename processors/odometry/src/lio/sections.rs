@@ -7,13 +7,19 @@
 //! begun from is exact by definition and velocity and tilt keep what they are unsure of. How older sections lie to it is
 //! uncertain by what the pose was. Where an older section is seen well again, errors are counted relative to
 //! that one once more, and the pose comes back to it.
+//!
+//! The places of the first section and of the last few are part of the state (stochastic cloning, Roumeliotis and Burdick 2002): what made
+//! the pose uncertain made velocity and tilt so too, and both are seen soon after the corner. Through their correlation the
+//! section's place is corrected then: where the velocity proves to have been wrong by so much, so was the way behind the blind
+//! stretch, and where gravity is not where the map has it, the section is tilted. The published pose is the one relative to the first
+//! section. Of older sections the place is kept as it was known last.
 
-use evac_geometry::nalgebra::{Matrix3, SMatrix};
+use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix};
 use evac_geometry::skew;
 
-use super::state::{Covariance, State, add_variance, at};
+use super::state::{CLONES, Covariance, State, add_variance, at};
 
-/// Covariance of a pose error: rotation (IMU frame), position.
+/// Covariance of a pose error: rotation (IMU frame), position. Of a section's place: rotation (map axes), displacement.
 pub(crate) type PoseCovariance = SMatrix<f64, 6, 6>;
 
 /// Sections that are told apart; beyond them the oldest but the first are merged.
@@ -21,6 +27,8 @@ pub(crate) const MAX_SECTIONS: usize = 64;
 
 /// Number of a section, in the order in which they were begun.
 pub(crate) type SectionId = u32;
+/// The map's origin.
+pub(crate) const ORIGIN: SectionId = 0;
 
 /// All sections of a map.
 #[derive(Debug)]
@@ -34,13 +42,23 @@ pub(crate) struct Sections {
 #[derive(Debug, Clone, Copy)]
 struct Section {
     id: SectionId,
-    /// Uncertainty of its place relative to the current one: rotation about the map's axes, displacement of the map's origin.
-    offset: PoseCovariance,
+    /// The state's clone that says how it lies to the current section; nothing where it lies as that one does.
+    slot: Option<usize>,
+    /// How it lies to that place: exactly there if the place is its own.
+    from_place: Isometry3<f64>,
+    /// Covariance of the error of that.
+    apart: PoseCovariance,
+}
+
+impl Section {
+    fn here(id: SectionId) -> Self {
+        Self { id, slot: None, from_place: Isometry3::identity(), apart: PoseCovariance::zeros() }
+    }
 }
 
 impl Sections {
     pub(crate) fn new() -> Self {
-        let mut sections = Self { known: Vec::with_capacity(MAX_SECTIONS), current: 0, next: 0 };
+        let mut sections = Self { known: Vec::with_capacity(MAX_SECTIONS), current: ORIGIN, next: 0 };
         sections.clear();
         sections
     }
@@ -48,8 +66,8 @@ impl Sections {
     /// One section, at the map's origin.
     pub(crate) fn clear(&mut self) {
         self.known.clear();
-        self.known.push(Section { id: 0, offset: PoseCovariance::zeros() });
-        (self.current, self.next) = (0, 1);
+        self.known.push(Section::here(ORIGIN));
+        (self.current, self.next) = (ORIGIN, 1);
     }
 
     /// The section that errors are counted relative to and new cells belong to.
@@ -57,72 +75,192 @@ impl Sections {
         self.current
     }
 
+    /// Whether a section's place is told from the current one's.
+    pub(crate) fn is_left(&self, id: SectionId) -> bool {
+        self.section(id).slot.is_some()
+    }
+
+    /// `current_from_section`.
+    pub(crate) fn place(&self, id: SectionId, state: &State) -> Isometry3<f64> {
+        let section = self.section(id);
+        let place = section.slot.map_or_else(Isometry3::identity, |slot| state.places[slot]);
+        place * section.from_place
+    }
+
+    /// Uncertainty of a section's place as an error of the present pose.
+    pub(crate) fn pose_covariance(
+        &self,
+        id: SectionId,
+        state: &State,
+        covariance: &Covariance,
+    ) -> PoseCovariance {
+        let section = self.section(id);
+        let offset = section.slot.map_or_else(PoseCovariance::zeros, |slot| block(covariance, slot, slot));
+        let map = pose_by_offset(state);
+        map * (offset + section.apart) * map.transpose()
+    }
+
+    /// The state's clone that holds a section's place, and how far apart from that it may be, as a pose error.
+    pub(crate) fn clone_of(&self, id: SectionId, state: &State) -> Option<(usize, PoseCovariance)> {
+        let section = self.section(id);
+        let map = pose_by_offset(state);
+        section.slot.map(|slot| (slot, map * section.apart * map.transpose()))
+    }
+
+    /// The state in the frame of the map's origin, as far as is known by now.
+    pub(crate) fn seen_from_origin(&self, state: &State) -> State {
+        state.moved(&self.place(ORIGIN, state).inverse())
+    }
+
+    /// Covariance of the pose relative to the map's origin.
+    pub(crate) fn origin_covariance(&self, state: &State, covariance: &Covariance) -> PoseCovariance {
+        let place = self.pose_covariance(ORIGIN, state, covariance);
+        let pose = covariance.fixed_view::<6, 6>(0, 0) + place;
+        let Some(slot) = self.section(ORIGIN).slot else { return pose };
+        let cross = covariance.fixed_view::<6, 6>(0, at::clone(slot)) * pose_by_offset(state).transpose();
+        pose - cross - cross.transpose()
+    }
+
     /// Begins a section at the present pose, whose error is `covariance`'s.
-    pub(crate) fn begin(&mut self, state: &State, covariance: &mut Covariance) {
-        let pose = covariance.fixed_view::<6, 6>(0, 0).into_owned();
-        self.add_to_all(&offset_from_pose(state, &pose));
+    pub(crate) fn begin(&mut self, state: &mut State, covariance: &mut Covariance) {
         if self.known.len() == MAX_SECTIONS {
-            // Cells of the one that goes are taken for its elder's, which is known less well.
-            self.known.remove(1);
+            self.give_up_one();
         }
-        self.known.push(Section { id: self.next, offset: PoseCovariance::zeros() });
+        let free = self.free_slot(state, covariance);
+        self.known.iter_mut().filter(|section| section.slot.is_none()).for_each(|s| s.slot = Some(free));
+        state.places[free] = Isometry3::identity();
+        let by_pose = -offset_by_pose(state);
+        let rotation = state.rotation.to_rotation_matrix();
+        let mut change = Covariance::identity();
+        for index in at::ROTATION..at::TIME_OFFSET {
+            change[(index, index)] = 0.0;
+        }
+        for (index, vector) in [(at::VELOCITY, &state.velocity), (at::GRAVITY, &state.gravity)] {
+            change.fixed_view_mut::<3, 3>(index, at::ROTATION).copy_from(&(skew(vector) * rotation.matrix()));
+        }
+        for slot in (0..CLONES).filter(|slot| self.is_used(*slot)) {
+            change.fixed_view_mut::<6, 6>(at::clone(slot), at::ROTATION).copy_from(&by_pose);
+        }
+        *covariance = change * *covariance * change.transpose();
+        add_variance(covariance, at::ROTATION, EXACT_ROTATION.powi(2));
+        add_variance(covariance, at::POSITION, EXACT_POSITION.powi(2));
+        self.known.push(Section::here(self.next));
         self.current = self.next;
         self.next = self.next.saturating_add(1);
-        relative_to_pose(state, covariance);
     }
 
     /// Makes all that is known so far uncertain by `offset` (rotation, displacement) against what will be laid now.
-    pub(crate) fn doubt(&mut self, state: &State, covariance: &mut Covariance, pose: &PoseCovariance) {
+    pub(crate) fn doubt(&mut self, state: &mut State, covariance: &mut Covariance, pose: &PoseCovariance) {
         covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(pose);
         self.begin(state, covariance);
     }
 
-    /// Counts errors relative to the older section `id` again.
-    pub(crate) fn return_to(&mut self, id: SectionId, state: &State, covariance: &mut Covariance) {
-        let offset = self.offset(id);
-        let map = pose_by_offset(state);
-        let mut change = SMatrix::<f64, { super::state::DIM }, 6>::zeros();
-        change.fixed_view_mut::<6, 6>(0, 0).copy_from(&map);
+    /// Counts errors relative to the older section `id` again, and goes over to its map frame.
+    pub(crate) fn return_to(&mut self, id: SectionId, state: &mut State, covariance: &mut Covariance) {
+        let Section { slot: Some(slot), from_place, apart, .. } = self.section(id) else { return };
+        // The place that it may share with others becomes its own.
+        state.places[slot] *= from_place;
+        let here = at::clone(slot);
+        let mut own = covariance.fixed_view_mut::<6, 6>(here, here);
+        own += apart;
+        for section in self.known.iter_mut().filter(|section| section.slot == Some(slot)) {
+            section.from_place = from_place.inverse() * section.from_place;
+            section.apart += apart;
+        }
+        let mut change = Covariance::identity();
+        change.fixed_view_mut::<6, 6>(0, here).copy_from(&-pose_by_offset(state));
         // Velocity and gravity turn along with the map.
         for (index, vector) in [(at::VELOCITY, &state.velocity), (at::GRAVITY, &state.gravity)] {
-            change.fixed_view_mut::<3, 3>(index, 0).copy_from(&-skew(vector));
+            change.fixed_view_mut::<3, 3>(index, here).copy_from(&skew(vector));
         }
-        *covariance += change * offset * change.transpose();
+        let there_from_current = state.places[slot].inverse();
+        for other in (0..CLONES).filter(|other| self.is_used(*other)) {
+            change.fixed_view_mut::<6, 6>(at::clone(other), here).copy_from(&-PoseCovariance::identity());
+            state.places[other] = there_from_current * state.places[other];
+        }
+        // The section that is left takes the slot of the one that is returned to.
+        state.places[slot] = there_from_current;
+        *covariance = change * *covariance * change.transpose();
+        *state = state.moved(&there_from_current);
         for section in &mut self.known {
-            section.offset =
-                if section.id == id { PoseCovariance::zeros() } else { between(&section.offset, &offset) };
+            section.slot = match section.slot {
+                None => Some(slot),
+                Some(other) if other == slot => None,
+                other => other,
+            };
+            if section.id == id {
+                *section = Section::here(id);
+            }
         }
         self.current = id;
     }
 
-    /// Uncertainty of the place of a section's cells as an error of the present pose.
-    pub(crate) fn pose_covariance(&self, id: SectionId, state: &State) -> PoseCovariance {
-        let map = pose_by_offset(state);
-        map * self.offset(id) * map.transpose()
-    }
-
-    fn offset(&self, id: SectionId) -> PoseCovariance {
+    fn section(&self, id: SectionId) -> Section {
         let after = self.known.partition_point(|section| section.id <= id);
-        after
-            .checked_sub(1)
-            .and_then(|index| self.known.get(index))
-            .map_or_else(PoseCovariance::zeros, |s| s.offset)
+        self.known.get(after.saturating_sub(1)).copied().unwrap_or(Section::here(id))
     }
 
-    fn add_to_all(&mut self, offset: &PoseCovariance) {
-        self.known.iter_mut().for_each(|section| section.offset += offset);
+    fn is_used(&self, slot: usize) -> bool {
+        self.known.iter().any(|section| section.slot == Some(slot))
+    }
+
+    /// Gives up the oldest section that is neither the first nor the current one. Its cells are taken for its elder's, which is
+    /// known less well.
+    fn give_up_one(&mut self) {
+        let removable = |section: &Section| section.id != ORIGIN && section.id != self.current;
+        if let Some(index) = self.known.iter().position(removable) {
+            self.known.remove(index);
+        }
+    }
+
+    /// A clone that is free. If none is, the two places that are known best to each other become one; the origin's stays its own.
+    fn free_slot(&mut self, state: &State, covariance: &mut Covariance) -> usize {
+        let origin = self.section(ORIGIN).slot;
+        let map = pose_by_offset(state);
+        let mut closest: Option<(f64, usize, usize, PoseCovariance)> = None;
+        for slot in 0..CLONES {
+            if !self.is_used(slot) {
+                set_zero(covariance, slot);
+                return slot;
+            }
+            for other in
+                (0..CLONES).filter(|other| *other != slot && self.is_used(*other) && origin != Some(slot))
+            {
+                let cross = block(covariance, slot, other);
+                let apart = block(covariance, slot, slot) + block(covariance, other, other)
+                    - cross
+                    - cross.transpose();
+                let distance = (map * apart * map.transpose()).fixed_view::<3, 3>(3, 3).trace();
+                if closest.as_ref().is_none_or(|(least, ..)| distance < *least) {
+                    closest = Some((distance, slot, other, apart));
+                }
+            }
+        }
+        let Some((_, slot, other, apart)) = closest else { return CLONES - 1 };
+        let other_from_slot = state.places[other].inverse() * state.places[slot];
+        for section in self.known.iter_mut().filter(|section| section.slot == Some(slot)) {
+            section.slot = Some(other);
+            section.from_place = other_from_slot * section.from_place;
+            section.apart += apart;
+        }
+        set_zero(covariance, slot);
+        slot
     }
 }
 
-/// Uncertainty between two sections, each known relative to a third. Where one was reached by way of the other, it is what the
-/// rest of the way added; where not, that difference is no covariance, and both ways together bound it.
-fn between(a: &PoseCovariance, b: &PoseCovariance) -> PoseCovariance {
-    let tiny = PoseCovariance::identity() * 1e-12;
-    [a - b, b - a].into_iter().find(|rest| (rest + tiny).cholesky().is_some()).unwrap_or(a + b)
+/// Covariance between two places.
+fn block(covariance: &Covariance, a: usize, b: usize) -> PoseCovariance {
+    covariance.fixed_view::<6, 6>(at::clone(a), at::clone(b)).into_owned()
+}
+
+/// Takes a place for exact, whatever it was.
+fn set_zero(covariance: &mut Covariance, slot: usize) {
+    covariance.fixed_rows_mut::<6>(at::clone(slot)).fill(0.0);
+    covariance.fixed_columns_mut::<6>(at::clone(slot)).fill(0.0);
 }
 
 /// The pose error that a displacement of the map looks like from the present pose.
-fn pose_by_offset(state: &State) -> PoseCovariance {
+pub(crate) fn pose_by_offset(state: &State) -> PoseCovariance {
     let mut map = PoseCovariance::zeros();
     let imu_from_map = state.rotation.inverse().to_rotation_matrix();
     map.fixed_view_mut::<3, 3>(0, 0).copy_from(imu_from_map.matrix());
@@ -131,29 +269,14 @@ fn pose_by_offset(state: &State) -> PoseCovariance {
     map
 }
 
-/// The inverse of [`pose_by_offset`], applied to a covariance.
-fn offset_from_pose(state: &State, pose: &PoseCovariance) -> PoseCovariance {
+/// The inverse of [`pose_by_offset`].
+fn offset_by_pose(state: &State) -> PoseCovariance {
     let rotation = state.rotation.to_rotation_matrix();
     let mut map = PoseCovariance::zeros();
     map.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
     map.fixed_view_mut::<3, 3>(3, 0).copy_from(&(skew(&state.position) * rotation.matrix()));
     map.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());
-    map * pose * map.transpose()
-}
-
-/// Counts all errors relative to the present pose, which is exact then.
-fn relative_to_pose(state: &State, covariance: &mut Covariance) {
-    let rotation = state.rotation.to_rotation_matrix();
-    let mut change = Covariance::identity();
-    for index in at::ROTATION..at::TIME_OFFSET {
-        change[(index, index)] = 0.0;
-    }
-    for (index, vector) in [(at::VELOCITY, &state.velocity), (at::GRAVITY, &state.gravity)] {
-        change.fixed_view_mut::<3, 3>(index, at::ROTATION).copy_from(&(skew(vector) * rotation.matrix()));
-    }
-    *covariance = change * *covariance * change.transpose();
-    add_variance(covariance, at::ROTATION, EXACT_ROTATION.powi(2));
-    add_variance(covariance, at::POSITION, EXACT_POSITION.powi(2));
+    map
 }
 
 /// What is exact by definition is so up to the blur of the scans that the section is laid from, rad and m.
@@ -162,8 +285,8 @@ const EXACT_POSITION: f64 = 2e-3;
 
 #[cfg(test)]
 mod tests {
-    use evac_geometry::exp_so3;
     use evac_geometry::nalgebra::Vector3;
+    use evac_geometry::{exp_so3, log_so3};
 
     use super::super::state::add_variance;
     use super::*;
@@ -179,17 +302,17 @@ mod tests {
 
     #[test]
     fn the_pose_that_begins_a_section_is_exact_there_and_the_old_map_is_as_uncertain_as_it_was() {
-        let (state, mut covariance) = (state(), Covariance::zeros());
+        let (mut state, mut covariance) = (state(), Covariance::zeros());
         add_variance(&mut covariance, at::ROTATION, 1e-4);
         add_variance(&mut covariance, at::POSITION, 4e-4);
         add_variance(&mut covariance, at::VELOCITY, 1e-3);
         let before = covariance.fixed_view::<6, 6>(0, 0).into_owned();
         let mut sections = Sections::new();
-        sections.begin(&state, &mut covariance);
+        sections.begin(&mut state, &mut covariance);
         let exact = |i: usize| covariance[(i, i)].sqrt();
         assert!(exact(at::ROTATION) <= EXACT_ROTATION && exact(at::POSITION) <= EXACT_POSITION);
-        assert!((sections.pose_covariance(0, &state) - before).norm() < 1e-12);
-        assert_eq!(sections.pose_covariance(1, &state), PoseCovariance::zeros());
+        assert!((sections.pose_covariance(0, &state, &covariance) - before).norm() < 1e-12);
+        assert_eq!(sections.pose_covariance(1, &state, &covariance), PoseCovariance::zeros());
         // The velocity is turned by what the rotation is unsure of.
         let across = covariance[(at::VELOCITY + 2, at::VELOCITY + 2)];
         assert!((across - (1e-3 + 1e-4 * 1.04)).abs() < 1e-6, "{across}");
@@ -197,30 +320,84 @@ mod tests {
 
     #[test]
     fn back_in_the_first_section_the_pose_is_as_uncertain_as_the_way_to_it() {
-        let (state, mut covariance) = (state(), Covariance::zeros());
+        let (mut state, mut covariance) = (state(), Covariance::zeros());
         let mut sections = Sections::new();
         for variance in [1e-4, 2e-4] {
             add_variance(&mut covariance, at::POSITION, variance);
-            sections.begin(&state, &mut covariance);
+            sections.begin(&mut state, &mut covariance);
         }
-        sections.return_to(0, &state, &mut covariance);
+        sections.return_to(0, &mut state, &mut covariance);
         let blur = EXACT_POSITION.powi(2);
         assert!((covariance[(at::POSITION, at::POSITION)] - 3e-4).abs() < 3.0 * blur);
-        let between = sections.pose_covariance(1, &state);
+        let between = sections.pose_covariance(1, &state, &covariance);
         assert!((between[(at::POSITION, at::POSITION)] - 1e-4).abs() < 3.0 * blur);
-        assert!(sections.pose_covariance(0, &state).norm() < 1e-12);
+        assert!(sections.pose_covariance(0, &state, &covariance).norm() < 1e-12);
     }
 
     #[test]
     fn more_sections_than_there_is_room_for_are_merged() {
-        let (state, mut covariance) = (state(), Covariance::zeros());
+        let (mut state, mut covariance) = (state(), Covariance::zeros());
         let mut sections = Sections::new();
         for _ in 0..200 {
             add_variance(&mut covariance, at::POSITION, 1e-4 - EXACT_POSITION.powi(2));
-            sections.begin(&state, &mut covariance);
+            sections.begin(&mut state, &mut covariance);
         }
-        let along = |id| sections.pose_covariance(id, &state)[(at::POSITION, at::POSITION)];
+        let along = |id| sections.pose_covariance(id, &state, &covariance)[(at::POSITION, at::POSITION)];
         assert_eq!(sections.current(), 200);
         assert!((along(0) - 0.02).abs() < 1e-3 && along(5) == along(0) && along(199) < 2e-4);
+    }
+
+    /// The state and covariance after the error's part from `index` on has proved to be `value`.
+    fn told(
+        state: &State,
+        covariance: &Covariance,
+        index: usize,
+        value: &Vector3<f64>,
+    ) -> (State, Covariance) {
+        let columns = covariance.fixed_columns::<3>(index).into_owned();
+        let seen = columns.fixed_rows::<3>(index) + Matrix3::identity() * 1e-12;
+        let gain = columns * seen.try_inverse().unwrap();
+        (state.plus(&(gain * value)), covariance - gain * columns.transpose())
+    }
+
+    #[test]
+    fn a_velocity_that_proves_wrong_after_a_blind_stretch_takes_the_way_behind_it_back() {
+        let (mut state, mut covariance) = (state(), Covariance::zeros());
+        // Two seconds with a velocity known to 5 cm/s.
+        let (seconds, variance) = (2.0, 0.05_f64.powi(2));
+        add_variance(&mut covariance, at::VELOCITY, variance);
+        add_variance(&mut covariance, at::POSITION, variance * seconds * seconds);
+        for axis in 0..3 {
+            covariance[(at::VELOCITY + axis, at::POSITION + axis)] = variance * seconds;
+            covariance[(at::POSITION + axis, at::VELOCITY + axis)] = variance * seconds;
+        }
+        let mut sections = Sections::new();
+        sections.begin(&mut state, &mut covariance);
+        // Room for no more places than the state has.
+        for _ in 0..2 * CLONES {
+            sections.begin(&mut state, &mut covariance);
+        }
+        let wrong = Vector3::new(-0.04, 0.02, 0.01);
+        let (corrected, covariance) = told(&state, &covariance, at::VELOCITY, &wrong);
+        assert!((corrected.position - state.position).norm() < 1e-9);
+        let way = sections.seen_from_origin(&corrected).position - state.position;
+        assert!((way - wrong * seconds).norm() < 1e-3, "{way}");
+        let sigma = sections.origin_covariance(&corrected, &covariance)[(at::POSITION, at::POSITION)].sqrt();
+        assert!(sigma < 0.01, "{sigma}");
+    }
+
+    #[test]
+    fn gravity_that_is_found_in_a_new_section_levels_the_published_pose() {
+        let (mut state, mut covariance) = (state(), Covariance::zeros());
+        add_variance(&mut covariance, at::ROTATION, 2e-3_f64.powi(2));
+        add_variance(&mut covariance, at::GRAVITY, 1e-8);
+        let mut sections = Sections::new();
+        sections.begin(&mut state, &mut covariance);
+        let tilt = Vector3::new(1e-3, -2e-3, 0.0);
+        let (corrected, _) = told(&state, &covariance, at::GRAVITY, &-tilt.cross(&state.gravity));
+        let published = sections.seen_from_origin(&corrected);
+        let turned = log_so3(&(published.rotation * state.rotation.inverse()));
+        assert!((turned - tilt).norm() < 2e-5, "{turned}");
+        assert!(published.gravity.xy().norm() < 1e-4, "{}", published.gravity);
     }
 }

@@ -6,6 +6,7 @@ use evac_geometry::nalgebra::{Isometry3, Vector3};
 use evac_geometry::{MotionState, StandstillDetector};
 use evac_stage::{Counters, PoseOutput, Readiness, Rig, ScanWithImu, Stage, StageConfig, StageError};
 
+use super::approach::Approach;
 use super::config::LioConfig;
 use super::correction::Report;
 use super::filter::Filter;
@@ -89,6 +90,7 @@ pub struct Lio {
     /// For calibration: each scan is also matched by itself, with this result.
     pub(crate) orients_scans: bool,
     pub(crate) orientation: Option<ScanOrientation>,
+    pub(crate) approach: Approach,
 }
 
 impl Stage for Lio {
@@ -126,6 +128,7 @@ impl Stage for Lio {
             diagnostics: Diagnostics::default(),
             orients_scans: false,
             orientation: None,
+            approach: Approach::default(),
         })
     }
 

@@ -3,9 +3,13 @@
 use evac_geometry::{STANDARD_GRAVITY, exp_so3};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
-/// Dimension of the error state.
-pub(crate) const DIM: usize = 25;
-/// The measured part comes first: rotation, position, time offset.
+/// Dimension of the error of what propagation knows of: motion, gravity and sensors.
+pub(crate) const OWN: usize = 25;
+/// Older sections of the map whose places are part of the state; see [`super::sections`].
+pub(crate) const CLONES: usize = 4;
+/// Dimension of the error state: after its own part come the places of older sections, 6 each.
+pub(crate) const DIM: usize = OWN + 6 * CLONES;
+/// The measured part of its own comes first: rotation, position, time offset.
 pub(crate) const MEASURED: usize = 7;
 /// The part that moves while time passes, the measured one and the velocity, comes first too.
 pub(crate) const MOVING: usize = 10;
@@ -21,6 +25,12 @@ pub(crate) mod at {
     pub(crate) const GRAVITY: usize = 16;
     pub(crate) const GYRO_SCALE: usize = 19;
     pub(crate) const MISALIGNMENT: usize = 22;
+    pub(crate) const CLONES: usize = super::OWN;
+
+    /// Place of the older section in `slot`: rotation about the map's axes, displacement of the map's origin.
+    pub(crate) const fn clone(slot: usize) -> usize {
+        CLONES + 6 * slot
+    }
 }
 
 /// Error of the state.
@@ -50,6 +60,8 @@ pub(crate) struct State {
     pub(crate) misalignment: Vector3<f64>,
     /// Seconds to add to an IMU stamp to get LiDAR time.
     pub(crate) time_offset_s: f64,
+    /// Where older sections of the map lie: `current_from_section`. The map frame of all else is the current section's.
+    pub(crate) places: [Isometry3<f64>; CLONES],
 }
 
 impl State {
@@ -59,6 +71,12 @@ impl State {
         let mut rotation = self.rotation * exp_so3(&part(at::ROTATION));
         rotation.renormalize();
         let gravity = self.gravity + part(at::GRAVITY);
+        let mut places = self.places;
+        for (slot, place) in places.iter_mut().enumerate() {
+            let (turn, way) = (part(at::clone(slot)), part(at::clone(slot) + 3));
+            *place = Isometry3::from_parts(Translation3::from(way), exp_so3(&turn)) * *place;
+            place.rotation.renormalize();
+        }
         Self {
             rotation,
             position: self.position + part(at::POSITION),
@@ -69,6 +87,7 @@ impl State {
             gyro_scale: self.gyro_scale + part(at::GYRO_SCALE),
             misalignment: self.misalignment + part(at::MISALIGNMENT),
             time_offset_s: self.time_offset_s + d[at::TIME_OFFSET],
+            places,
         }
     }
 
@@ -84,6 +103,19 @@ impl State {
             gyro_scale: Vector3::zeros(),
             misalignment: Vector3::zeros(),
             time_offset_s: 0.0,
+            places: [Isometry3::identity(); CLONES],
+        }
+    }
+
+    /// The same state in another map frame; the places stay.
+    pub(crate) fn moved(&self, new_from_old: &Isometry3<f64>) -> Self {
+        let pose = new_from_old * self.map_from_imu();
+        Self {
+            rotation: pose.rotation,
+            position: pose.translation.vector,
+            velocity: new_from_old.rotation * self.velocity,
+            gravity: new_from_old.rotation * self.gravity,
+            ..*self
         }
     }
 
@@ -116,6 +148,7 @@ impl State {
                 .chain([&self.gyro_scale, &self.misalignment])
                 .all(|v| v.iter().all(|x| x.is_finite()))
             && self.time_offset_s.is_finite()
+            && self.places.iter().all(|place| place.to_homogeneous().iter().all(|x| x.is_finite()))
     }
 }
 
@@ -124,6 +157,20 @@ pub(crate) fn add_variance(covariance: &mut Covariance, index: usize, variance: 
     for i in index..index + 3 {
         covariance[(i, i)] += variance;
     }
+}
+
+/// Copies what is known of older sections' places among each other and to the current one.
+pub(crate) fn copy_places(from: &Covariance, to: &mut Covariance) {
+    const PLACES: usize = DIM - OWN;
+    let places = from.fixed_view::<PLACES, PLACES>(at::CLONES, at::CLONES);
+    to.fixed_view_mut::<PLACES, PLACES>(at::CLONES, at::CLONES).copy_from(&places);
+}
+
+/// Takes errors of older sections' places for ones that have nothing to do with those of motion and sensors.
+pub(crate) fn uncouple_places(covariance: &mut Covariance) {
+    const PLACES: usize = DIM - OWN;
+    covariance.fixed_view_mut::<OWN, PLACES>(0, at::CLONES).fill(0.0);
+    covariance.fixed_view_mut::<PLACES, OWN>(at::CLONES, 0).fill(0.0);
 }
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use super::imu::Reading;
 use super::matching::{Known, select};
 use super::propagation::{Noise, TracePoint, propagate};
 use super::stage::{Lio, MAX_POINTS, MAX_SELECTED, valid};
-use super::state::State;
+use super::state::{State, uncouple_places};
 
 /// Added to the gates of the associations: while all is well, while settling, and while lost or without an IMU, metres.
 const GATE: &[f64] = &[0.0, 0.0];
@@ -37,8 +37,12 @@ impl Lio {
         let Some(mut filter) = self.filter.take() else { return PoseFrame::default() };
         let before = (filter.state, filter.covariance);
         let is_led = self.predict(&mut filter, input);
+        if is_led {
+            // What carried the pose on was a guess: how it went wrong says nothing about gravity or the sensors.
+            uncouple_places(&mut filter.covariance);
+        }
         let predicted = (filter.state, filter.covariance);
-        self.following.predict((!is_led).then(|| filter.state.map_from_imu()));
+        self.following.predict((!is_led).then(|| filter.origin_from_imu()));
         let mut middle = self.middle(&filter, input);
         if filter.settling.is_some() {
             // Scans that are smeared by an unknown velocity say nothing about the clocks.
@@ -71,12 +75,19 @@ impl Lio {
             self.search_offset(&mut filter, &scout, &report, &input.header.frame);
         }
         filter.rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
-        counters.degraded += u64::from(tracking == TrackingState::Lost);
         let frame = &input.header.frame;
-        let pose = match tracking {
-            TrackingState::Initialising => filter.settling_pose(frame, &self.imu_from_lidar, &report),
-            _ => filter.published(frame, &self.imu_from_lidar, &report, tracking),
+        let pose = if tracking == TrackingState::Initialising {
+            self.approach.restart();
+            filter.settling_pose(frame, &self.imu_from_lidar, &report)
+        } else {
+            let mut pose = filter.published(frame, &self.imu_from_lidar, &report, tracking);
+            let moved = predicted.0.position - before.0.position;
+            if self.approach.limit(&mut pose, &moved, &self.imu_from_lidar) {
+                pose.state = TrackingState::Lost as u32;
+            }
+            pose
         };
+        counters.degraded += u64::from(pose.state == TrackingState::Lost as u32);
         self.filter = Some(filter);
         pose
     }
@@ -85,6 +96,7 @@ impl Lio {
     fn correct(&mut self, filter: &mut Filter, middle: &Middle, is_led: bool) -> Report {
         let gate = Gate {
             range_noise: self.config.range_noise_m,
+            doubts_walls: !filter.monitor.is_lost() && !is_led,
             floors: match (filter.settling, filter.monitor.is_lost() || is_led) {
                 (Some(_), _) => SETTLING_GATE,
                 (None, true) => LOST_GATE,
