@@ -4,14 +4,10 @@ use evac_geometry::nalgebra::{SMatrix, SVector};
 
 use super::correction::Information;
 use super::sections::PoseCovariance;
-use super::state::{CLONES, Covariance, DIM, MEASURED, OWN};
+use super::state::{Covariance, DIM, MEASURED, OWN, PLACES};
 
-/// Dimension of the places.
-const PLACES: usize = DIM - OWN;
 /// Dimension of what is seen: the measured part of the filter's own error, and the places.
 pub(crate) const SEEN: usize = MEASURED + PLACES;
-
-const _: () = assert!(PLACES == 6 * CLONES);
 
 /// Information about both.
 #[derive(Debug, Clone, Copy)]

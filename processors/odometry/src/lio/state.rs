@@ -7,8 +7,10 @@ use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector
 pub(crate) const OWN: usize = 25;
 /// Older sections of the map whose places are part of the state; see [`super::sections`].
 pub(crate) const CLONES: usize = 4;
+/// Dimension of the places.
+pub(crate) const PLACES: usize = 6 * CLONES;
 /// Dimension of the error state: after its own part come the places of older sections, 6 each.
-pub(crate) const DIM: usize = OWN + 6 * CLONES;
+pub(crate) const DIM: usize = OWN + PLACES;
 /// The measured part of its own comes first: rotation, position, time offset.
 pub(crate) const MEASURED: usize = 7;
 /// The part that moves while time passes, the measured one and the velocity, comes first too.
@@ -161,14 +163,12 @@ pub(crate) fn add_variance(covariance: &mut Covariance, index: usize, variance: 
 
 /// Copies what is known of older sections' places among each other and to the current one.
 pub(crate) fn copy_places(from: &Covariance, to: &mut Covariance) {
-    const PLACES: usize = DIM - OWN;
     let places = from.fixed_view::<PLACES, PLACES>(at::CLONES, at::CLONES);
     to.fixed_view_mut::<PLACES, PLACES>(at::CLONES, at::CLONES).copy_from(&places);
 }
 
 /// Takes errors of older sections' places for ones that have nothing to do with those of motion and sensors.
 pub(crate) fn uncouple_places(covariance: &mut Covariance) {
-    const PLACES: usize = DIM - OWN;
     covariance.fixed_view_mut::<OWN, PLACES>(0, at::CLONES).fill(0.0);
     covariance.fixed_view_mut::<PLACES, OWN>(at::CLONES, 0).fill(0.0);
 }
