@@ -3,6 +3,7 @@
 use evac_geometry::nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use evac_geometry::{MotionState, STANDARD_GRAVITY, Standstill, StandstillDetector, exp_so3};
 
+use super::batch_means::Batches;
 use super::config::LioConfig;
 use super::imu::Reading;
 use super::state::{Covariance, State, add_gravity_variance, add_variance, at};
@@ -16,9 +17,6 @@ const MOVING_SPEED: f64 = 1.0;
 const TOLERANCE_S: f64 = 0.05;
 /// Memory of the mean acceleration of a start in motion.
 const MOVING_MEMORY_S: f64 = 2.0;
-/// Means over so long, about two steps, tell by their scatter how good that is.
-const BATCH_S: f64 = 1.0;
-const BATCHES: usize = 3;
 
 /// What the start found.
 #[derive(Debug, Clone, Copy)]
@@ -41,40 +39,6 @@ pub(crate) struct Initialiser {
     mean_force: Vector3<f64>,
     mean_weight: f64,
     batches: Batches,
-}
-
-/// Means of the specific force over the last seconds, turned into the present IMU frame.
-#[derive(Debug, Clone, Copy, Default)]
-struct Batches {
-    /// The one that grows first; it counts from half its length on.
-    means: [Vector3<f64>; BATCHES + 1],
-    seconds: f64,
-    full: usize,
-}
-
-impl Batches {
-    fn take(&mut self, turn: &UnitQuaternion<f64>, force: &Vector3<f64>, h: f64) {
-        self.means.iter_mut().for_each(|mean| *mean = turn * *mean);
-        if self.seconds >= BATCH_S {
-            self.means.rotate_right(1);
-            (self.means[0], self.seconds) = (Vector3::zeros(), 0.0);
-            self.full = (self.full + 1).min(BATCHES);
-        }
-        self.seconds += h;
-        self.means[0] += (force - self.means[0]) * (h / self.seconds);
-    }
-
-    /// Standard error of the mean across gravity by the method of batch means, m/s^2 an axis: a walker who sets off or stops meanwhile has
-    /// a mean acceleration that one in full stride has not.
-    fn error(&self) -> f64 {
-        let first = usize::from(self.seconds < BATCH_S / 2.0);
-        let full = self.means.get(first..=self.full).unwrap_or_default();
-        let n = full.len() as f64;
-        let mean = full.iter().sum::<Vector3<f64>>() / n.max(1.0);
-        let Some(up) = mean.try_normalize(1.0) else { return 0.0 };
-        let across = |batch: &Vector3<f64>| (batch - up * up.dot(batch)).norm_squared() / 2.0;
-        if full.len() < 2 { 0.0 } else { (full.iter().map(across).sum::<f64>() / (n * (n - 1.0))).sqrt() }
-    }
 }
 
 impl Initialiser {
