@@ -28,7 +28,7 @@ const NEAR_SHARE: f64 = 0.6;
 const BLOCKED_FRAMES: u32 = 50;
 /// Of what sees planes usually nearly all fits. A map that is laid along a false way agrees with itself somewhat, and no single frame gives
 /// that away: but not for seconds does less than so much of the usual fit, by means over about 1 s and 5 s of good frames.
-const POOR_FIT: f64 = 0.75;
+const POOR_FIT: f64 = 0.6;
 const FIT_MEMORY: f64 = 0.1;
 const USUAL_FIT_MEMORY: f64 = 0.02;
 const POOR_FRAMES: u32 = 10;
@@ -315,9 +315,9 @@ mod tests {
             |used: usize| monitor.judge(&report(used, 0.9, 0.05), Expected::default(), &standing(), &config);
         assert!((0..50).all(|_| judge(2300) == Verdict::Good));
         // People who walk past hide a good part of the view, but not for long.
-        assert!((0..8).all(|_| judge(1300) == Verdict::Good));
+        assert!((0..8).all(|_| judge(900) == Verdict::Good));
         assert!((0..50).all(|_| judge(2300) == Verdict::Good));
-        assert!((0..50).any(|_| judge(1300) == Verdict::JustLost));
+        assert!((0..50).any(|_| judge(900) == Verdict::JustLost));
     }
 
     #[test]
