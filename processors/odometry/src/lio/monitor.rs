@@ -29,6 +29,8 @@ const BLOCKED_FRAMES: u32 = 50;
 /// Of what sees planes usually nearly all fits. A map that is laid along a false way agrees with itself somewhat, and no single frame gives
 /// that away: but not for seconds does less than so much of the usual fit, by means over about 1 s and 5 s of good frames.
 const POOR_FIT: f64 = 0.6;
+/// What fits less than so much of the usual does not become usual.
+const USUAL_FIT: f64 = 0.75;
 const FIT_MEMORY: f64 = 0.1;
 const USUAL_FIT_MEMORY: f64 = 0.02;
 const POOR_FRAMES: u32 = 10;
@@ -181,10 +183,8 @@ impl Monitor {
             (self.fit, self.usual_fit) = (share, share);
         }
         self.fit += FIT_MEMORY * (share - self.fit);
-        if self.fit < POOR_FIT * self.usual_fit {
-            self.frames_poor += 1;
-        } else {
-            self.frames_poor = 0;
+        self.frames_poor = if self.fit < POOR_FIT * self.usual_fit { self.frames_poor + 1 } else { 0 };
+        if self.fit > USUAL_FIT * self.usual_fit {
             self.usual_fit += USUAL_FIT_MEMORY * (share - self.usual_fit);
         }
     }
