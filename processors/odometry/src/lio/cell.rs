@@ -2,6 +2,7 @@
 
 use evac_geometry::nalgebra::{Matrix3, Vector3};
 
+use super::drift::Piece;
 use super::sections::SectionId;
 
 /// Points before a plane is fitted.
@@ -69,13 +70,16 @@ pub(crate) struct Cell {
     plane: Option<Plane>,
     /// Section of the map that it belongs to.
     pub(crate) section: SectionId,
+    /// Piece of ground that it belongs to.
+    pub(crate) piece: Piece,
 }
 
 impl Cell {
-    pub(crate) fn new(key: u64, frame: u32, section: SectionId) -> Self {
+    pub(crate) fn new(key: u64, frame: u32, section: SectionId, piece: Piece) -> Self {
         Self {
             key,
             section,
+            piece,
             last_used: frame,
             count: 0,
             fitted_at: 0,
@@ -161,7 +165,7 @@ mod tests {
 
     /// Points on a grid in the plane `z = slope * x`, alternately `thickness` above and below.
     fn sheet(slope: f64, thickness: f64) -> Cell {
-        let mut cell = Cell::new(1, 0, 0);
+        let mut cell = Cell::new(1, 0, 0, 0);
         for i in 0..400 {
             let (x, y) = (f64::from(i % 20) * 0.07, f64::from(i / 20) * 0.07);
             let side = if (i + i / 20) % 2 == 0 { thickness } else { -thickness };

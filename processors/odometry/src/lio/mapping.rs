@@ -95,8 +95,10 @@ impl Lio {
         if view > KNOWN_SHARE && filter.rotation_sigma() > MAX_ROTATION_SIGMA {
             return;
         }
+        let unseen = (report.selected - report.in_view) as f64 / report.selected.max(1) as f64;
+        filter.sections.lay(unseen, &filter.state, &filter.covariance);
         self.choose_section(filter, report);
-        self.map.next_frame(filter.sections.current());
+        self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
         self.insert_scan(filter);
     }
 
@@ -123,7 +125,7 @@ impl Lio {
         before: &State,
     ) -> TrackingState {
         filter.hold_speed(before, &self.config);
-        self.map.next_frame(filter.sections.current());
+        self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
         let scratch = settling.step(filter);
         if scratch != Scratch::Extend {
             self.map.clear();

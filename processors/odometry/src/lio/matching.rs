@@ -3,6 +3,7 @@
 use evac_geometry::nalgebra::{Isometry3, Point3, SVector, Vector3};
 
 use super::cell::POINT_FLOOR;
+use super::drift::Piece;
 use super::plane_map::{EDGES, PlaneMap};
 use super::sections::{PoseCovariance, SectionId, Sections};
 use super::state::{Covariance, State};
@@ -34,6 +35,8 @@ pub(crate) struct Match {
     pub(crate) section: SectionId,
     /// Index of the plane's cell: matches of one cell share that plane's error.
     pub(crate) cell: usize,
+    /// Piece of ground that the cell belongs to.
+    pub(crate) piece: Piece,
     /// Number of the point among those selected.
     order: u32,
     /// In the IMU frame.
@@ -130,6 +133,7 @@ pub(crate) fn associate(
                 let matched = Match {
                     section: cell.section,
                     cell: index,
+                    piece: cell.piece,
                     order,
                     point: candidate.point,
                     normal: plane.normal,

@@ -15,6 +15,7 @@ mod config;
 mod correction;
 mod degeneracy;
 mod deskew;
+mod drift;
 mod filter;
 mod follow;
 mod glide;
