@@ -24,6 +24,7 @@ mod live;
 mod producer;
 mod progress;
 mod pulse;
+mod recording;
 mod registry;
 mod restart;
 mod services;
