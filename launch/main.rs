@@ -39,6 +39,7 @@ mod top;
 mod trace;
 mod usage;
 mod view;
+mod watch;
 
 use std::process::ExitCode;
 

@@ -21,13 +21,14 @@ use crate::error::LaunchError;
 use crate::health_board::HealthBoard;
 use crate::incidents::{Incident, Incidents};
 use crate::producer::Replacement;
-use crate::pulse::{Pulse, Watch, line_of};
+use crate::pulse::{Pulse, line_of};
 use crate::registry::Role;
 use crate::restart::Restarts;
 use crate::shadow::Shadows;
 use crate::silence::Silence;
 use crate::slot::Slot;
 use crate::swap::Operation;
+use crate::watch::{Seen, Watch, says_that_it_waits};
 
 /// How long a stage may take until its ports are open.
 const START_PATIENCE: Duration = Duration::from_secs(30);
@@ -268,12 +269,18 @@ impl Supervisor {
         self.pulse.take_in()?;
         for slot in &self.slots {
             let Some(line) = line_of(slot).filter(|_| self.incidents.open(slot.name())) else { continue };
-            if let Some(beat) = self.pulse.came(&line) {
-                self.incidents.resumed(slot.name(), beat);
+            if let Some(resumption) = self.pulse.came(&line) {
+                self.incidents.resumed(slot.name(), resumption);
             }
         }
         let after = self.pipeline.supervision.hang_after_frames;
-        let mut hung = self.watch.hung(&self.slots, &self.pulse, self.pipeline.mode, after)?;
+        let (pulse, board) = (&self.pulse, &self.board);
+        let seen = Seen {
+            newest: &|line, epoch| pulse.newest(line, epoch),
+            waits: &|slot| board.of(slot.name(), slot.epoch).is_some_and(says_that_it_waits),
+        };
+        let rule = (self.pipeline.mode, after);
+        let mut hung = self.watch.hung(&self.slots, &seen, rule, Instant::now())?;
         if after > 0 {
             hung.extend(self.silence.hung(&self.slots, &self.board));
         }
@@ -300,6 +307,9 @@ impl Supervisor {
     fn note_death(&mut self, index: usize, dead: &Dead, standby: bool) {
         let Some(slot) = self.slots.get(index) else { return };
         let (line, epoch) = (line_of(slot), dead.epoch);
+        if let Some(resumption) = line.as_ref().and_then(|line| self.pulse.came_so_far(line)) {
+            self.incidents.resumed(slot.name(), resumption);
+        }
         // One that never got as far as the instance before it has put out nothing new.
         let before = self.incidents.of_stage(slot.name()).next_back().and_then(|incident| incident.last_seq);
         let last_seq = line.as_ref().and_then(|line| self.pulse.newest(line, epoch)).max(before);
@@ -325,6 +335,8 @@ impl Supervisor {
             let name = dead.name.clone();
             let dead = Dead { epoch: dead.epoch, cause: dead.failure(), died_ns: dead.died_ns() };
             let cause = &dead.cause;
+            // All that it has put out, before another one does.
+            self.pulse.take_in()?;
             if let Some((epoch, pid)) = self.ready_standby(index) {
                 // The word first: the standby waits for it, and nobody for what is written down.
                 self.say(index, |slot| slot.take_over(epoch))?;

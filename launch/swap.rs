@@ -316,9 +316,9 @@ impl Supervisor {
                 }
             }
             Phase::TakeOver { old, since, from_seq } => {
-                let leads = state.is_some_and(|state| {
-                    state == StageState::Running as u32 || state == StageState::Finished as u32
-                });
+                // One that followed does not wait any more, unless it leads and has to ask for the map.
+                let leading = [StageState::Running, StageState::Waiting, StageState::Finished];
+                let leads = state.is_some_and(|state| leading.iter().any(|lead| *lead as u32 == state));
                 let routed = operation.before.as_ref().map_or(since, |(_, _, routed)| *routed);
                 let is_late = !leads && routed.elapsed() > TAKE_OVER_PATIENCE;
                 if let Some(old) = old.filter(|_| gone || is_late) {

@@ -94,6 +94,7 @@ fn the_files_after_a_kill_in_a_lossless_walk_are_those_of_a_walk_without() {
     Running::start(whole.evac(["up", &file])).end().expect_success();
     // Frames that are no round numbers, early and late in the walk.
     for (stage, seq) in [
+        ("deskewer", 97),
         ("octree_mapper", 37),
         ("octree_mapper", 211),
         ("map_saver", 113),

@@ -179,6 +179,10 @@ where
         if self.ended && self.ack.is_some() {
             return Ok(None);
         }
+        // The launcher counts what comes meanwhile.
+        if self.role.leads() && !self.ended && self.join.waits() {
+            self.reporter.change(StageState::Waiting)?;
+        }
         let mut timeout_ns = self.reporter.report_if_due()?;
         if let Some(deadline) = self.join.deadline_ns().filter(|_| !self.ended) {
             timeout_ns = timeout_ns.min((deadline - now_ns()).max(1_000_000));

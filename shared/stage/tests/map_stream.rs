@@ -7,7 +7,7 @@ use common::building::{Copy, Mapper, walk};
 use common::{Bench, pose, publish_scan};
 use evac_frames::{TrackingState, map_flags};
 use evac_ports::services::{OdometryPose, ScanDeskewed, TruthPose};
-use evac_stage::joins::{JoinOptions, PlanJoin, SinkJoin};
+use evac_stage::joins::{Join as _, JoinOptions, PlanJoin, SinkJoin};
 
 struct Setup {
     bench: Bench,
@@ -107,10 +107,12 @@ fn a_reader_that_missed_key_frames_asks_again_and_ends_with_the_same_map() {
     setup.map(10..60);
     reader.handle(&mut setup);
     assert_eq!(reader.copy.seqs(), (0..10).collect::<Vec<_>>());
+    assert!(reader.join.waits());
     for seq in 60..70 {
         setup.map([seq]);
         reader.handle(&mut setup);
     }
+    assert!(!reader.join.waits());
     reader.assert_same(&setup);
     assert_eq!(reader.snapshots(), 1);
     // The changes of these are in the snapshot, and their frames are handed on before it.

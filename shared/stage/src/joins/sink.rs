@@ -62,6 +62,10 @@ impl Join for SinkJoin {
         self.map.limit(seq);
     }
 
+    fn waits(&self) -> bool {
+        self.map.waits()
+    }
+
     fn front(&self) -> Option<u64> {
         self.map.front().map(MapSample::seq)
     }
