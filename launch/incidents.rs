@@ -62,10 +62,14 @@ impl Incident {
             1 => "one frame was put out twice; ".to_owned(),
             many => format!("{many} frames were put out twice; "),
         };
-        let gaps: Vec<_> = missing.iter().map(|(first, last)| format!("{first} to {last}")).collect();
+        let gap = |(first, last): &(u64, u64)| {
+            if first == last { first.to_string() } else { format!("{first} to {last}") }
+        };
+        let gaps: Vec<_> = missing.iter().map(gap).collect();
         let count: u64 = missing.iter().map(|(first, last)| last - first + 1).sum();
         let lost = match count {
             0 => "no frame is missing".to_owned(),
+            1 => format!("frame {} is missing", gaps.join(" and ")),
             _ => format!("frames {} are missing ({count})", gaps.join(" and ")),
         };
         format!("{how}, next frame {seq} after {after_ms:.0} ms; {repeated}{lost}")
@@ -182,7 +186,7 @@ mod tests {
         incidents.resumed("saver", went_on(61, 0, 2, &[(62, 70), (72, 72)]));
         let outcome = incidents.newest[2].outcome();
         assert!(
-            outcome.contains("2 frames were put out twice; frames 62 to 70 and 72 to 72 are missing (10)"),
+            outcome.contains("2 frames were put out twice; frames 62 to 70 and 72 are missing (10)"),
             "{outcome}"
         );
     }
