@@ -9,7 +9,7 @@ use evac_ports::services::{
     ScanDeskewed, TruthPose,
 };
 use evac_ports::services::{FrameService, SliceLen};
-use evac_ports::{Bus, FramePublisher, PortError, RecordPublisher, RequestReceiver, now_ns};
+use evac_ports::{Bus, FramePublisher, Listener, PortError, RecordPublisher, RequestReceiver, now_ns};
 
 use crate::follow::{AckFollower, Followed, MapFollower, PoseFollower, Routed, ScanFollower};
 use crate::{StageError, tracking};
@@ -27,6 +27,14 @@ pub trait StageOutput: Sized {
     /// # Errors
     /// [`PortError`].
     fn open(bus: &Bus, epoch: u32) -> Result<Self, PortError>;
+
+    /// What wakes the run loop for requests that [`crate::Stage::serve`] answers.
+    ///
+    /// # Errors
+    /// [`PortError`].
+    fn listeners(&self, _bus: &Bus) -> Result<Vec<Listener>, PortError> {
+        Ok(Vec::new())
+    }
 
     /// Hands what is remembered to readers that have come since the last frame.
     ///
@@ -515,6 +523,10 @@ impl StageOutput for MapOutput {
             epoch,
         };
         Ok(Self { port: Some(port), ..Self::default() })
+    }
+
+    fn listeners(&self, bus: &Bus) -> Result<Vec<Listener>, PortError> {
+        Ok(vec![RequestReceiver::listener(bus, SNAPSHOT_REQUEST)?])
     }
 
     fn lineage(&self) -> u32 {

@@ -69,7 +69,9 @@ where
         state = StageState::Following;
     }
     let shadows = if options.shadow { Some(shadow_bus::<S>(&context)?) } else { None };
-    let output = S::Output::open(shadows.as_ref().unwrap_or(&bus), context.epoch)?;
+    let output_bus = shadows.as_ref().unwrap_or(&bus);
+    let output = S::Output::open(output_bus, context.epoch)?;
+    listeners.extend(output.listeners(output_bus)?);
     let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
     let checkpoints = match ack {
         Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
