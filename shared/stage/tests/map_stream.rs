@@ -307,6 +307,31 @@ fn updates_of_a_mapper_that_was_behind_find_their_scans_and_poses() {
 }
 
 #[test]
+fn a_sink_that_goes_on_from_a_journal_finds_the_scans_before_the_first_update_that_it_heard() {
+    let mut setup = Setup::new();
+    let (scans, poses) = (setup.bench.frames::<ScanDeskewed>(), setup.bench.records::<OdometryPose>());
+    let mut step = |setup: &mut Setup, seq: u64| {
+        publish_scan(&scans, seq);
+        poses.publish(&walk(seq)).unwrap();
+        setup.map([seq]);
+    };
+    (0..9).for_each(|seq| step(&mut setup, seq));
+    // It was started in the place of one that had written down frames up to 4, and hears an update before it is told to lead.
+    let mut join: SinkJoin = setup.bench.join(JoinOptions::new(true, true));
+    step(&mut setup, 9);
+    join.take_in(&mut setup.bench.reporter).unwrap();
+    join.resume(Some(4));
+    join.take_in(&mut setup.bench.reporter).unwrap();
+    setup.mapper.idle();
+    let seen = sink_seen(&mut setup, &mut join);
+    let seqs: Vec<_> = seen.iter().map(|(seq, ..)| *seq).collect();
+    // The last one with the snapshot once more.
+    assert_eq!(seqs, [5, 6, 7, 8, 9, 9]);
+    assert!(seen[..5].iter().all(|(seq, points, x, ..)| (*points, *x) == (1, Some(*seq as f32))), "{seen:?}");
+    assert_eq!(setup.bench.reporter.input.late, 0);
+}
+
+#[test]
 fn without_a_simulator_there_is_no_truth_and_a_missing_scan_is_counted() {
     let mut setup = Setup::new();
     let mut join: SinkJoin = setup.bench.join(JoinOptions::new(false, true));
