@@ -310,7 +310,7 @@ fn updates_of_a_mapper_that_was_behind_find_their_scans_and_poses() {
 fn a_sink_that_goes_on_from_a_journal_finds_the_scans_before_the_first_update_that_it_heard() {
     let mut setup = Setup::new();
     let (scans, poses) = (setup.bench.frames::<ScanDeskewed>(), setup.bench.records::<OdometryPose>());
-    let mut step = |setup: &mut Setup, seq: u64| {
+    let step = |setup: &mut Setup, seq: u64| {
         publish_scan(&scans, seq);
         poses.publish(&walk(seq)).unwrap();
         setup.map([seq]);
