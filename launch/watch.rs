@@ -138,7 +138,7 @@ mod tests {
 
     use super::*;
 
-    /// When the exporter is said to hang, in tenths of a second, where its input goes on ten times a second from second 1 on and it puts
+    /// When the exporter is said to hang, in tenths of a second, where its input goes on ten times a second and it puts
     /// out nothing after frame `last`.
     fn hangs_after(last: Option<u64>, waits: impl Fn(u64) -> bool, most: u64) -> Option<(u64, String)> {
         let kinds = ["octree_mapper", "grid_exporter"];
