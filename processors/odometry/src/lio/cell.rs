@@ -52,6 +52,14 @@ impl Plane {
         let [_, u, v] = self.variances;
         1.0 + du * du / u + dv * dv / v
     }
+
+    /// How far the normal may truly be turned towards each of the two axes, along that axis (standard deviations, rad). What makes a surface
+    /// rough or uneven may as well be a step across the cell, to which the plane has fitted itself.
+    pub(crate) fn tilts(&self) -> [Vector3<f64>; 2] {
+        let [height, u, v] = self.variances;
+        let height = height / self.points + self.roughness;
+        [self.axis * (height / u).sqrt(), self.normal.cross(&self.axis) * (height / v).sqrt()]
+    }
 }
 
 /// A voxel of the map.

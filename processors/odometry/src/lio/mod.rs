@@ -20,6 +20,7 @@ mod filter;
 mod follow;
 mod glide;
 mod imu;
+mod information;
 mod initialisation;
 mod joint;
 mod mapping;
