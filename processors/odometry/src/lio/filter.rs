@@ -115,6 +115,11 @@ impl Filter {
         self.open = Degeneracy::of(&report.seen_information);
     }
 
+    /// Whether the map frame is not fixed yet.
+    pub(crate) fn is_starting(&self) -> bool {
+        self.settling.is_some_and(|settling| settling.starting)
+    }
+
     /// Whether noise and gates are those of the loose mode.
     pub(crate) fn is_loose(&self) -> bool {
         self.monitor.is_lost() || self.settling.is_some()

@@ -9,7 +9,7 @@ use super::filter::Filter;
 use super::initialisation::Start;
 use super::sections::{ORIGIN, Sections};
 use super::stage::{Lio, insert_all};
-use super::state::{Covariance, State, add_variance, at};
+use super::state::{Covariance, State, add_gravity_variance, add_variance, at};
 use crate::follow::{Following, Standby};
 
 /// What a routed pose is taken to be off by against the map laid from its like (standard deviations): rotation, position, velocity,
@@ -116,10 +116,10 @@ fn covariance(routed: &PoseFrame, filter: &Filter) -> Covariance {
         (at::VELOCITY, VELOCITY),
         (at::GYRO_BIAS, GYRO_BIAS),
         (at::ACCEL_BIAS, ACCEL_BIAS),
-        (at::GRAVITY, GRAVITY),
     ] {
         add_variance(&mut covariance, index, sigma.powi(2));
     }
+    add_gravity_variance(&mut covariance, &filter.state.gravity, GRAVITY.powi(2));
     let offset = (f64::from(routed.time_offset_sigma_us) * 1e-6).max(TIME_OFFSET);
     covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = offset.powi(2);
     covariance

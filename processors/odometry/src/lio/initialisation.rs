@@ -3,13 +3,14 @@
 use evac_geometry::nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 use evac_geometry::{MotionState, STANDARD_GRAVITY, Standstill, StandstillDetector, exp_so3};
 
+use super::batch_means::Batches;
 use super::config::LioConfig;
 use super::imu::Reading;
-use super::state::{Covariance, State, add_variance, at};
+use super::state::{Covariance, State, add_gravity_variance, add_variance, at};
 
 /// Prior of the accelerometer's bias across gravity, which a standstill cannot tell from tilt, m/s^2.
 const ACCEL_BIAS: f64 = 0.05;
-/// Standard deviation of the mean acceleration of a start in motion, m/s^2, and of its velocity, m/s.
+/// Least standard deviation of the mean acceleration of a start in motion, m/s^2, and that of its velocity, m/s.
 const MOVING_ACCEL: f64 = 0.05;
 const MOVING_SPEED: f64 = 1.0;
 /// The detector measures in blocks of 0.1 s.
@@ -37,11 +38,18 @@ pub(crate) struct Initialiser {
     /// Mean specific force turned into the present IMU frame, with exponential memory.
     mean_force: Vector3<f64>,
     mean_weight: f64,
+    batches: Batches,
 }
 
 impl Initialiser {
     pub(crate) fn new() -> Self {
-        Self { waited_s: 0.0, last: None, mean_force: Vector3::zeros(), mean_weight: 0.0 }
+        Self {
+            waited_s: 0.0,
+            last: None,
+            mean_force: Vector3::zeros(),
+            mean_weight: 0.0,
+            batches: Batches::default(),
+        }
     }
 
     /// Takes the readings up to a frame's end, `duration_s` after the last one's.
@@ -74,34 +82,46 @@ impl Initialiser {
         config: &LioConfig,
         imu_from_lidar: &Isometry3<f64>,
     ) -> Option<Start> {
-        if !glides
-            && detector.state() == MotionState::Still
-            && let Some(standstill) = detector.standstill()
-            && (standstill.end_ns - standstill.start_ns) as f64 * 1e-9 > config.standstill_s - TOLERANCE_S
-        {
-            return Some(standing_start(standstill, config, imu_from_lidar));
-        }
-        (self.waited_s >= config.start_timeout_s)
-            .then(|| moving_start(&self.mean_force, config, imu_from_lidar))
+        standing(detector, glides, config, imu_from_lidar).or_else(|| {
+            (self.waited_s >= config.start_timeout_s)
+                .then(|| moving_start(&self.mean_force, self.batches.error(), config, imu_from_lidar))
+        })
     }
 
     /// Keeps the mean of the specific force in the present IMU frame, turned along with the gyroscope.
     fn level(&mut self, reading: &Reading) {
         if let Some(last) = self.last {
             let h = (reading.stamp_ns - last.stamp_ns) as f64 * 1e-9;
-            let turned = exp_so3(&(-(last.gyro + reading.gyro) / 2.0 * h)) * self.mean_force;
+            let turn = exp_so3(&(-(last.gyro + reading.gyro) / 2.0 * h));
+            let turned = turn * self.mean_force;
             // A new clock starts anew.
             if h <= 0.0 {
                 self.last = Some(*reading);
                 return;
             }
             self.mean_weight = self.mean_weight * (-h / MOVING_MEMORY_S).exp() + h;
+            self.batches.take(&turn, &reading.accel, h);
             self.mean_force = turned + (reading.accel - turned) * (h / self.mean_weight);
         } else {
             self.mean_force = reading.accel;
         }
         self.last = Some(*reading);
     }
+}
+
+/// The start from the standstill that the detector sees, once that is long enough; the IMU of a rig that `glides` steadily looks like
+/// one at rest.
+pub(crate) fn standing(
+    detector: &StandstillDetector,
+    glides: bool,
+    config: &LioConfig,
+    imu_from_lidar: &Isometry3<f64>,
+) -> Option<Start> {
+    let standstill = detector.standstill()?;
+    let seconds = (standstill.end_ns - standstill.start_ns) as f64 * 1e-9;
+    let is_enough = seconds > config.standstill_s - TOLERANCE_S;
+    (!glides && detector.state() == MotionState::Still && is_enough)
+        .then(|| standing_start(standstill, config, imu_from_lidar))
 }
 
 fn standing_start(standstill: &Standstill, config: &LioConfig, imu_from_lidar: &Isometry3<f64>) -> Start {
@@ -125,7 +145,13 @@ fn standing_start(standstill: &Standstill, config: &LioConfig, imu_from_lidar: &
     start
 }
 
-fn moving_start(force: &Vector3<f64>, config: &LioConfig, imu_from_lidar: &Isometry3<f64>) -> Start {
+/// `error`: standard error of `force` across gravity as its scatter shows it, m/s^2.
+fn moving_start(
+    force: &Vector3<f64>,
+    error: f64,
+    config: &LioConfig,
+    imu_from_lidar: &Isometry3<f64>,
+) -> Start {
     let orientation = match force.try_normalize(1.0) {
         Some(up) => upright(&up, imu_from_lidar),
         None => imu_from_lidar.rotation.inverse(),
@@ -133,8 +159,14 @@ fn moving_start(force: &Vector3<f64>, config: &LioConfig, imu_from_lidar: &Isome
     let mut start = start_at(&orientation, imu_from_lidar);
     add_variance(&mut start.covariance, at::VELOCITY, MOVING_SPEED.powi(2));
     add_variance(&mut start.covariance, at::GYRO_BIAS, config.hidden_gyro_bias_rad_s.powi(2));
-    add_variance(&mut start.covariance, at::GRAVITY, MOVING_ACCEL.powi(2));
-    add_variance(&mut start.covariance, at::ACCEL_BIAS, ACCEL_BIAS.powi(2));
+    // While the mean was formed the gyroscope's unknown bias turned it.
+    let turned = STANDARD_GRAVITY * config.hidden_gyro_bias_rad_s * MOVING_MEMORY_S / 2.0;
+    let variance = error.max(MOVING_ACCEL).powi(2) + turned.powi(2);
+    add_gravity_variance(&mut start.covariance, &start.state.gravity, variance);
+    // Across the vertical the bias is part of what was taken for gravity, as at a standstill; along it nothing has measured it.
+    let up = orientation.inverse() * Vector3::z();
+    let mut bias = start.covariance.fixed_view_mut::<3, 3>(at::ACCEL_BIAS, at::ACCEL_BIAS);
+    bias += up * up.transpose() * ACCEL_BIAS.powi(2);
     start
 }
 
@@ -236,5 +268,39 @@ mod tests {
         assert_eq!(start.state.gyro_bias, Vector3::zeros());
         let hidden = LioConfig::default().hidden_gyro_bias_rad_s;
         assert!((start.covariance[(at::GYRO_BIAS, at::GYRO_BIAS)].sqrt() - hidden).abs() < 1e-12);
+    }
+
+    /// The start of somebody who walks 4 s with an acceleration of `forward` m/s^2 in the last of them.
+    fn walk(forward: f64) -> Start {
+        let mut initialiser = Initialiser::new();
+        let readings: Vec<_> = (0..800)
+            .map(|k| {
+                let swing = 0.5 * (f64::from(k) * 0.06).sin();
+                let ahead = if k < 600 { 0.0 } else { forward };
+                let accel = Vector3::new(swing + ahead, -swing, STANDARD_GRAVITY + swing);
+                Reading { stamp_ns: i64::from(k) * 5_000_000, gyro: Vector3::zeros(), accel, held: false }
+            })
+            .collect();
+        initialiser.take(&readings, 1.0);
+        initialiser.waited_s = 4.0;
+        let (detector, rig) = (StandstillDetector::default(), Isometry3::identity());
+        initialiser.start(&detector, false, &LioConfig::default(), &rig).unwrap()
+    }
+
+    #[test]
+    fn one_who_stops_while_the_start_is_waited_for_is_less_sure_of_the_vertical_than_one_in_full_stride() {
+        let tilt = |start: &Start| start.covariance[(at::GRAVITY, at::GRAVITY)].sqrt();
+        let (steady, stopping) = (walk(0.0), walk(-1.0));
+        assert!(tilt(&steady) < 0.11, "{}", tilt(&steady));
+        assert!(tilt(&stopping) > 0.15, "{}", tilt(&stopping));
+        let off = stopping.state.rotation.angle() * STANDARD_GRAVITY;
+        assert!(off > 0.2 && off < 3.0 * tilt(&stopping), "{off}");
+    }
+
+    #[test]
+    fn a_start_in_motion_lays_the_vertical_to_the_bias_and_not_to_the_length_of_gravity() {
+        let start = walk(0.0);
+        let sigma = |i: usize| start.covariance[(i, i)].sqrt();
+        assert!(sigma(at::GRAVITY + 2) < 1e-3 && sigma(at::ACCEL_BIAS + 2) > 0.04);
     }
 }

@@ -1,6 +1,6 @@
 //! The stage `lio`: see [`Lio`].
 //!
-//! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`], [`glide`]); then [`tracking`] carries the
+//! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`], [`batch_means`], [`glide`]); then [`tracking`] carries the
 //! [`filter`] on by the IMU ([`imu`], [`propagation`]), brings points to the frame's end where that was not done ([`deskew`]), matches
 //! them with planes ([`matching`], [`plane_map`], [`cell`]), corrects ([`correction`], [`joint`]), says what was not observed
 //! ([`degeneracy`]), judges and maps ([`mapping`], [`monitor`], [`settling`], [`sections`]), and reports ([`report`]). The offset between the
@@ -10,6 +10,7 @@
 //! after Yuan et al. 2022 (VoxelMap), in the information form of [`correction`] that inverts neither prior nor information.
 
 mod approach;
+mod batch_means;
 mod cell;
 mod config;
 mod correction;

@@ -26,6 +26,12 @@ const BLOCKED_SHARE: f64 = 0.4;
 const NEAR_SHARE: f64 = 0.6;
 /// Longest time that the IMU alone is gone by.
 const BLOCKED_FRAMES: u32 = 50;
+/// Of what sees planes usually nearly all fits. A map that is laid along a false way agrees with itself somewhat, and no single frame gives
+/// that away: but not for seconds does less than so much of the usual fit, by means over about 1 s and 5 s of good frames.
+const POOR_FIT: f64 = 0.75;
+const FIT_MEMORY: f64 = 0.1;
+const USUAL_FIT_MEMORY: f64 = 0.02;
+const POOR_FRAMES: u32 = 10;
 /// Share of the selected points that must see planes before a bad match counts.
 const VIEW_SHARE: f64 = 0.3;
 /// Signs of a recovery.
@@ -34,6 +40,8 @@ const FOUND_RESIDUAL: f64 = 1.8;
 const FOUND_FRAMES: u32 = 5;
 /// After so many frames without recovery the map is started anew from where dead reckoning says.
 const RESTART_FRAMES: u32 = 30;
+/// ... of which at least so many saw more than a blank wall at the end.
+const SEARCH_FRAMES: u32 = 10;
 /// A position more certain than this is known again, metres (standard deviation).
 const PLACED: f64 = 0.1;
 
@@ -81,6 +89,10 @@ pub(crate) struct Monitor {
     recent_share: f64,
     /// Mean range of good frames, metres.
     usual_range_m: f64,
+    /// Mean share of what is in view that is used, lately and in good frames.
+    fit: f64,
+    usual_fit: f64,
+    frames_poor: u32,
     weak: u32,
     frames_blocked: u32,
     lost: bool,
@@ -126,8 +138,11 @@ impl Monitor {
         if self.lost {
             // A false match sees few planes, and agrees with those; before a blank wall any place fits.
             let found = share > FOUND_SHARE && used_share > FOUND_SHARE * self.usual_share;
-            // Before a blank wall that fits there is nothing to give up; a new map would begin no better there.
-            self.frames_lost += u32::from(!(expected.is_blank && share > FOUND_SHARE));
+            // Before a blank wall that fits there is nothing to give up; a new map would begin no better there. What is in view once it
+            // is passed is found soon or not at all.
+            let is_held_up = expected.is_blank && viewed && share > FOUND_SHARE;
+            let limit = if is_held_up { RESTART_FRAMES - SEARCH_FRAMES } else { RESTART_FRAMES };
+            self.frames_lost = (self.frames_lost + 1).min(limit.max(self.frames_lost));
             let is_placed = expected.position_sigma < PLACED;
             return self
                 .while_lost(viewed && found && report.residual < FOUND_RESIDUAL && possible && is_placed);
@@ -143,7 +158,11 @@ impl Monitor {
         let sudden = !expected.after_gap && !unblocked && report.selected > 100 && fall < SUDDEN_SHARE;
         let weak = sudden || viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
-        if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
+        if viewed {
+            self.take_fit(share);
+        }
+        let is_poor = self.frames_poor >= POOR_FRAMES;
+        if self.weak >= WEAK_FRAMES || is_poor || self.nis > LOST_NIS || !possible {
             *self = Self { lost: true, ..self.usual() };
             return Verdict::JustLost;
         }
@@ -156,9 +175,29 @@ impl Monitor {
         Verdict::Good
     }
 
+    /// Takes the share of what is in view that fits.
+    fn take_fit(&mut self, share: f64) {
+        if self.usual_fit == 0.0 {
+            (self.fit, self.usual_fit) = (share, share);
+        }
+        self.fit += FIT_MEMORY * (share - self.fit);
+        if self.fit < POOR_FIT * self.usual_fit {
+            self.frames_poor += 1;
+        } else {
+            self.frames_poor = 0;
+            self.usual_fit += USUAL_FIT_MEMORY * (share - self.usual_fit);
+        }
+    }
+
     /// What is remembered beyond a loss.
     fn usual(&self) -> Self {
-        Self { usual_share: self.usual_share, usual_range_m: self.usual_range_m, ..Self::default() }
+        Self {
+            usual_share: self.usual_share,
+            usual_range_m: self.usual_range_m,
+            fit: self.usual_fit,
+            usual_fit: self.usual_fit,
+            ..Self::default()
+        }
     }
 
     fn while_lost(&mut self, good: bool) -> Verdict {
@@ -267,5 +306,42 @@ mod tests {
         assert_eq!(monitor.noise_factor(), 1.0);
         monitor.judge(&report(2300, 0.9, 3.0), Expected::default(), &standing(), &config);
         assert!((monitor.noise_factor() - 16.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_map_that_agrees_with_itself_only_somewhat_for_seconds_is_a_false_one() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge =
+            |used: usize| monitor.judge(&report(used, 0.9, 0.05), Expected::default(), &standing(), &config);
+        assert!((0..50).all(|_| judge(2300) == Verdict::Good));
+        // People who walk past hide a good part of the view, but not for long.
+        assert!((0..8).all(|_| judge(1300) == Verdict::Good));
+        assert!((0..50).all(|_| judge(2300) == Verdict::Good));
+        assert!((0..50).any(|_| judge(1300) == Verdict::JustLost));
+    }
+
+    #[test]
+    fn a_hall_in_which_a_third_never_fits_is_no_loss() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge =
+            |used: usize| monitor.judge(&report(used, 0.9, 0.05), Expected::default(), &standing(), &config);
+        assert!((0..600).all(|k| judge(if k % 2 == 0 { 1500 } else { 1700 }) == Verdict::Good));
+    }
+
+    #[test]
+    fn one_who_is_lost_before_a_wall_is_given_a_second_to_find_himself_behind_it() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge = |used: usize, is_blank: bool| {
+            let expected =
+                Expected { is_blank, degenerate: is_blank, position_sigma: 1.0, ..Expected::default() };
+            monitor.judge(&report(used, 0.9, 0.05), expected, &standing(), &config)
+        };
+        for _ in 0..50 {
+            judge(2300, false);
+        }
+        assert_eq!((0..3).map(|_| judge(100, false)).last(), Some(Verdict::JustLost));
+        assert!((0..60).all(|_| judge(2300, true) == Verdict::Lost));
+        let searched = (0..20).take_while(|_| judge(300, false) == Verdict::Lost).count();
+        assert_eq!(searched + 1, SEARCH_FRAMES as usize);
     }
 }

@@ -11,7 +11,7 @@ use super::config::LioConfig;
 use super::correction::Report;
 use super::filter::Filter;
 use super::imu::ImuTrack;
-use super::initialisation::{Initialiser, Start};
+use super::initialisation::{Initialiser, Start, standing};
 use super::matching::{Match, Selected};
 use super::offset_search::OffsetSearch;
 use super::orientation::ScanOrientation;
@@ -195,6 +195,10 @@ impl Lio {
         let frame = &input.header.frame;
         match &mut self.filter {
             None => self.wait(input, gap_s, counters),
+            Some(filter) if filter.is_starting() && !new_clock => match self.stands_after_all(input) {
+                Some(start) => self.begin(input, &start),
+                None => self.track_frame(input, gap_s, counters),
+            },
             Some(filter) if new_clock => {
                 // Nothing is known about the time between.
                 let frame_s =
@@ -224,28 +228,52 @@ impl Lio {
 
     fn wait(&mut self, input: &ScanWithImu<'_>, gap_s: f64, counters: &mut Counters) -> PoseFrame {
         self.initialiser.take(self.track.readings(), gap_s);
+        counters.rejected += self.keep_still(input);
+        match self.initialiser.start(&self.detector, self.glides, &self.config, &self.imu_from_lidar) {
+            Some(start) if start.standing && self.has_moved(input, &start) => {
+                self.glide();
+                self.last_pose(input)
+            }
+            Some(start) => self.begin(input, &start),
+            None => self.last_pose(input),
+        }
+    }
+
+    /// The start from a standstill of a rig that was started in motion and comes to stand before its map frame is fixed: what the
+    /// standstill says of gravity and sensors is worth more than what the motion did.
+    fn stands_after_all(&mut self, input: &ScanWithImu<'_>) -> Option<Start> {
+        self.keep_still(input);
+        let start = standing(&self.detector, self.glides, &self.config, &self.imu_from_lidar)?;
+        if self.has_moved(input, &start) {
+            self.glide();
+            return None;
+        }
+        Some(start)
+    }
+
+    /// Keeps the points of a standstill; returns how many are none.
+    fn keep_still(&mut self, input: &ScanWithImu<'_>) -> u64 {
         // A motion voids the points of the standstill before it.
         if self.detector.state() == MotionState::Moving {
             self.still.clear();
         }
+        let mut rejected = 0;
         for point in input.points {
             match valid(point, &self.config) {
                 Some(_) if self.still.len() < MAX_STILL_POINTS => {
                     self.still.push(Vector3::new(point.x, point.y, point.z));
                 }
                 Some(_) => {}
-                None => counters.rejected += 1,
+                None => rejected += 1,
             }
         }
-        match self.initialiser.start(&self.detector, self.glides, &self.config, &self.imu_from_lidar) {
-            Some(start) if start.standing && self.has_moved(input, &start) => {
-                self.glides = true;
-                self.still.clear();
-                self.last_pose(input)
-            }
-            Some(start) => self.begin(input, &start),
-            None => self.last_pose(input),
-        }
+        rejected
+    }
+
+    /// The IMU says that the rig stands, and the scans that it does not.
+    fn glide(&mut self) {
+        self.glides = true;
+        self.still.clear();
     }
 
     /// Starts the filter and maps the points of the standstill at the map's origin: mature planes from the first step.
@@ -262,7 +290,11 @@ impl Lio {
         );
         let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
         insert_all(&mut self.map, &map_from_lidar, self.still.iter().map(|point| point.cast()));
-        self.still = Vec::new();
+        // A start in motion may yet come to stand.
+        self.still.clear();
+        if start.standing {
+            self.still = Vec::new();
+        }
         self.track.forget_before(filter.stamp_ns);
         let pose = if start.standing {
             filter.published(frame, &self.imu_from_lidar, &Report::full(), TrackingState::Tracking)

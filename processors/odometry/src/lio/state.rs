@@ -1,7 +1,7 @@
 //! The filter's state and its error: `x = x_hat [+] d` with `R = R_hat Exp(d_theta)`, all else additive.
 
 use evac_geometry::{STANDARD_GRAVITY, exp_so3};
-use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
 /// Dimension of the error of what propagation knows of: motion, gravity and sensors.
 pub(crate) const OWN: usize = 25;
@@ -159,6 +159,14 @@ pub(crate) fn add_variance(covariance: &mut Covariance, index: usize, variance: 
     for i in index..index + 3 {
         covariance[(i, i)] += variance;
     }
+}
+
+/// Adds `variance` across gravity. Its length is known: a vertical acceleration that the scans show is the sensors', and what the filter
+/// believed to have learnt of gravity's length would be lost for them.
+pub(crate) fn add_gravity_variance(covariance: &mut Covariance, gravity: &Vector3<f64>, variance: f64) {
+    let up = gravity / gravity.norm();
+    let mut block = covariance.fixed_view_mut::<3, 3>(at::GRAVITY, at::GRAVITY);
+    block += (Matrix3::identity() - up * up.transpose()) * variance;
 }
 
 /// Copies what is known of older sections' places among each other and to the current one.

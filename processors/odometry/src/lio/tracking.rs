@@ -142,7 +142,9 @@ impl Lio {
         filter.stamp_ns = end_ns;
         // A change of the time offset may ask for them again.
         self.track.forget_before(end_ns - MAX_TIME_OFFSET_NS);
-        let is_slow = filter.settling.is_some() || filter.state.velocity.norm() < REST_SPEED;
+        // Before the map frame is fixed a standstill makes a start of its own.
+        let is_slow =
+            filter.settling.map_or(filter.state.velocity.norm() < REST_SPEED, |settling| !settling.starting);
         if at_rest && is_slow && !self.glides && !filter.monitor.is_lost() {
             filter.rest();
         }
