@@ -7,7 +7,7 @@ use evac_formats::write_for_this_boot;
 use evac_ports::Domain;
 use serde::{Deserialize, Serialize};
 
-use crate::pulse::Beat;
+use crate::pulse::Resumption;
 
 /// Incidents that are remembered; older ones are counted only.
 const REMEMBERED: usize = 64;
@@ -23,17 +23,21 @@ pub(crate) struct Incident {
     pub(crate) standby: bool,
     /// The last frame that it put out.
     pub(crate) last_seq: Option<u64>,
-    /// The first new frame of the next instance, and how long after the death it came, milliseconds.
+    /// How the next instance went on: its first new frame, and how long after the death it came, milliseconds.
     pub(crate) resumed: Option<Resumed>,
     /// Host monotonic time of the death.
     pub(crate) died_ns: i64,
 }
 
 /// How a stage went on.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Resumed {
     pub(crate) seq: u64,
     pub(crate) after_ms: f64,
+    /// Frames that the dead instance had put out and the next one put out once more.
+    pub(crate) repeated: u64,
+    /// First and last of the frames that nobody put out.
+    pub(crate) missing: Vec<(u64, u64)>,
 }
 
 impl Incident {
@@ -42,27 +46,33 @@ impl Incident {
         Self { stage: stage.to_owned(), epoch, cause, standby, last_seq, resumed: None, died_ns }
     }
 
-    /// The frames that nobody put out.
-    pub(crate) fn missing(&self) -> Option<(u64, u64)> {
-        let first = self.last_seq.map_or(0, |last| last.saturating_add(1));
-        let next = self.resumed?.seq;
-        (next > first).then(|| (first, next - 1))
+    /// The frames that nobody put out, first and last of each gap.
+    pub(crate) fn missing(&self) -> &[(u64, u64)] {
+        self.resumed.as_ref().map_or(&[], |resumed| &resumed.missing)
     }
 
     /// What became of it, for people.
     pub(crate) fn outcome(&self) -> String {
         let how = if self.standby { "the standby took over" } else { "started again" };
-        match (self.resumed, self.missing()) {
-            (None, _) => format!("{how}; no new frame yet"),
-            (Some(Resumed { seq, after_ms }), None) => {
-                format!("{how}, next frame {seq} after {after_ms:.0} ms; no frame is missing")
-            }
-            (Some(Resumed { seq, after_ms }), Some((first, last))) => {
-                format!(
-                    "{how}, next frame {seq} after {after_ms:.0} ms; frames {first} to {last} are missing"
-                )
-            }
-        }
+        let Some(Resumed { seq, after_ms, repeated, missing }) = &self.resumed else {
+            return format!("{how}; no new frame yet");
+        };
+        let repeated = match repeated {
+            0 => String::new(),
+            1 => "one frame was put out twice; ".to_owned(),
+            many => format!("{many} frames were put out twice; "),
+        };
+        let gap = |(first, last): &(u64, u64)| {
+            if first == last { first.to_string() } else { format!("{first} to {last}") }
+        };
+        let gaps: Vec<_> = missing.iter().map(gap).collect();
+        let count: u64 = missing.iter().map(|(first, last)| last - first + 1).sum();
+        let lost = match count {
+            0 => "no frame is missing".to_owned(),
+            1 => format!("frame {} is missing", gaps.join(" and ")),
+            _ => format!("frames {} are missing ({count})", gaps.join(" and ")),
+        };
+        format!("{how}, next frame {seq} after {after_ms:.0} ms; {repeated}{lost}")
     }
 }
 
@@ -108,16 +118,17 @@ impl Incidents {
             .is_some_and(|incident| incident.resumed.is_none())
     }
 
-    /// A stage has put out its first new frame.
-    pub(crate) fn resumed(&mut self, stage: &str, beat: Beat) {
+    /// A stage has gone on.
+    pub(crate) fn resumed(&mut self, stage: &str, Resumption { first, repeated, missing }: Resumption) {
+        let Some(first) = first else { return };
         let open = self
             .newest
             .iter_mut()
             .rev()
             .find(|incident| incident.stage == stage && incident.resumed.is_none());
         let Some(incident) = open else { return };
-        let after_ms = (beat.sent_ns - incident.died_ns) as f64 * 1e-6;
-        incident.resumed = Some(Resumed { seq: beat.seq, after_ms });
+        let after_ms = (first.sent_ns - incident.died_ns) as f64 * 1e-6;
+        incident.resumed = Some(Resumed { seq: first.seq, after_ms, repeated, missing });
         tracing::warn!(stage, "{}", incident.outcome());
         self.write();
     }
@@ -146,21 +157,37 @@ fn path(domain: &Domain) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pulse::Beat;
 
     #[test]
     fn an_incident_says_exactly_which_frames_it_cost() {
         let mut incidents = Incidents::default();
         incidents.add(Incident::new("lio", 0, "killed".to_owned(), false, Some(41)));
         assert!(incidents.newest[0].outcome().contains("no new frame yet"));
-        incidents.resumed("lio", Beat { seq: 45, sent_ns: incidents.newest[0].died_ns + 250_000_000 });
+        let went_on = |seq: u64, sent_ns: i64, repeated: u64, missing: &[(u64, u64)]| Resumption {
+            first: Some(Beat { seq, sent_ns }),
+            repeated,
+            missing: missing.to_vec(),
+        };
+        let after = incidents.newest[0].died_ns + 250_000_000;
+        incidents.resumed("lio", went_on(45, after, 0, &[(42, 44)]));
         let outcome = incidents.newest[0].outcome();
         assert!(
-            outcome.contains("after 250 ms") && outcome.contains("frames 42 to 44 are missing"),
+            outcome.contains("after 250 ms") && outcome.contains("frames 42 to 44 are missing (3)"),
             "{outcome}"
         );
         incidents.add(Incident::new("lio", 1, "killed".to_owned(), true, Some(60)));
-        incidents.resumed("lio", Beat { seq: 61, sent_ns: 0 });
+        incidents.resumed("lio", went_on(61, 0, 0, &[]));
         let outcome = incidents.newest[1].outcome();
-        assert!(outcome.contains("standby") && outcome.contains("no frame is missing"), "{outcome}");
+        assert!(outcome.contains("standby") && outcome.contains("; no frame is missing"), "{outcome}");
+        assert!(!outcome.contains("twice"), "{outcome}");
+        // A sink that says first what the dead one had written down.
+        incidents.add(Incident::new("saver", 0, "killed".to_owned(), false, Some(60)));
+        incidents.resumed("saver", went_on(61, 0, 2, &[(62, 70), (72, 72)]));
+        let outcome = incidents.newest[2].outcome();
+        assert!(
+            outcome.contains("2 frames were put out twice; frames 62 to 70 and 72 are missing (10)"),
+            "{outcome}"
+        );
     }
 }

@@ -24,6 +24,7 @@ mod live;
 mod producer;
 mod progress;
 mod pulse;
+mod recording;
 mod registry;
 mod restart;
 mod services;
@@ -38,6 +39,7 @@ mod top;
 mod trace;
 mod usage;
 mod view;
+mod watch;
 
 use std::process::ExitCode;
 

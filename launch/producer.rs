@@ -164,7 +164,7 @@ impl Supervisor {
                 }
                 let line = self.slots.get(replacement.slot).and_then(line_of);
                 let first = match &line {
-                    Some(line) => self.pulse.came(line),
+                    Some(line) => self.pulse.came(line).and_then(|resumption| resumption.first),
                     None => self
                         .board
                         .of(&name, epoch)

@@ -1,23 +1,14 @@
 //! How far every stage is, frame by frame, heard on the services themselves: a process that hangs says nothing of itself.
 
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
 
-use evac_config::Mode;
-use evac_frames::{FrameHeader, Health};
-use evac_ports::services::{FrameService, MapSnapshot};
+use evac_frames::{FrameHeader, Health, frame_flags};
+use evac_ports::services::FrameService;
 use evac_ports::services::{LidarScan, MapUpdate, OdometryPose, RecordService as _, ScanDeskewed, SinkAck};
 use evac_ports::{Bus, FrameSubscriber, PortError, RecordSubscriber, now_ns};
 
-use crate::error::LaunchError;
 use crate::registry::kind;
 use crate::slot::Slot;
-
-/// Lossless stages wait for each other, so that nobody's input goes on while one hangs: there a stage hangs that had work and did
-/// nothing for so long. Half of what the source waits for its sinks.
-const LOSSLESS_PATIENCE: Duration = Duration::from_secs(30);
-/// Frames that come at once, from a stage that was started again, are no sign that their reader hangs: it has so long for the first.
-const BURST: Duration = Duration::from_secs(1);
 
 /// Whose frames: a service's, or those that a sink acknowledges.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -26,13 +17,28 @@ pub(crate) enum Line {
     Sink([u8; 24]),
 }
 
-/// A frame that is waited for: the first after `after` of an instance newer than `epoch`.
+/// What is waited for: how an instance newer than `epoch` goes on after frame `after`, the last of the one before.
 #[derive(Debug)]
 struct Wanted {
     line: Line,
     epoch: u32,
     after: Option<u64>,
-    came: Option<Beat>,
+    resumption: Resumption,
+    /// The instance has put out something.
+    heard: bool,
+    /// Nothing is open any more.
+    settled: bool,
+}
+
+/// How a stage goes on after a death.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(crate) struct Resumption {
+    /// The first frame that is new.
+    pub(crate) first: Option<Beat>,
+    /// Frames put out before it that the dead instance had put out, too.
+    pub(crate) repeated: u64,
+    /// First and last of those that nobody put out.
+    pub(crate) missing: Vec<(u64, u64)>,
 }
 
 /// A frame that was put out.
@@ -61,13 +67,39 @@ struct Heard {
     wanted: Vec<Wanted>,
 }
 
+impl Wanted {
+    fn new(line: Line, epoch: u32, after: Option<u64>) -> Self {
+        Self { line, epoch, after, resumption: Resumption::default(), heard: false, settled: false }
+    }
+
+    /// A sink's first word may be about a frame that the dead one was done with and had not said so: then the second tells what is
+    /// missing.
+    fn take(&mut self, frame: &FrameHeader) {
+        if self.settled || frame.epoch <= self.epoch {
+            return;
+        }
+        let is_first_word = !std::mem::replace(&mut self.heard, true);
+        if self.after.is_some_and(|after| frame.seq <= after) {
+            self.resumption.repeated += 1;
+            return;
+        }
+        let newest = self.resumption.first.map(|first| first.seq);
+        if newest.is_some_and(|newest| frame.seq <= newest) {
+            return;
+        }
+        let next = newest.or(self.after).map_or(0, |seq| seq.saturating_add(1));
+        if frame.seq > next {
+            self.resumption.missing.push((next, frame.seq - 1));
+        }
+        self.resumption.first.get_or_insert(Beat { seq: frame.seq, sent_ns: frame.sent_ns });
+        let may_be_the_dead_ones = is_first_word && matches!(self.line, Line::Sink(_));
+        self.settled = !may_be_the_dead_ones || frame.flags & frame_flags::END_OF_STREAM != 0;
+    }
+}
+
 impl Heard {
     fn take(&mut self, line: Line, frame: &FrameHeader) {
-        for wanted in self.wanted.iter_mut().filter(|wanted| wanted.came.is_none() && wanted.line == line) {
-            if frame.epoch > wanted.epoch && wanted.after.is_none_or(|after| frame.seq > after) {
-                wanted.came = Some(Beat { seq: frame.seq, sent_ns: frame.sent_ns });
-            }
-        }
+        self.wanted.iter_mut().filter(|wanted| wanted.line == line).for_each(|wanted| wanted.take(frame));
         let newest = self.newest.entry((line, frame.epoch)).or_insert(frame.seq);
         *newest = frame.seq.max(*newest);
     }
@@ -89,8 +121,9 @@ impl Pulse {
     pub(crate) fn take_in(&mut self) -> Result<(), PortError> {
         let heard = &mut self.heard;
         while let Some(ack) = self.acks.receive()? {
-            let frame =
-                FrameHeader { seq: ack.seq, epoch: ack.epoch, sent_ns: now_ns(), ..FrameHeader::default() };
+            let flags = if ack.finished != 0 { frame_flags::END_OF_STREAM } else { 0 };
+            let (seq, epoch, sent_ns) = (ack.seq, ack.epoch, now_ns());
+            let frame = FrameHeader { seq, epoch, sent_ns, flags, ..FrameHeader::default() };
             heard.take(Line::Sink(ack.name), &frame);
         }
         drain(&self.updates, heard, |header| &header.frame)?;
@@ -109,13 +142,20 @@ impl Pulse {
     /// Waits for the first frame after `after` of an instance newer than `epoch`.
     pub(crate) fn want(&mut self, line: Line, epoch: u32, after: Option<u64>) {
         self.heard.wanted.retain(|wanted| wanted.line != line);
-        self.heard.wanted.push(Wanted { line, epoch, after, came: None });
+        self.heard.wanted.push(Wanted::new(line, epoch, after));
     }
 
-    /// A frame that was waited for and has come.
-    pub(crate) fn came(&mut self, line: &Line) -> Option<Beat> {
-        let at = self.heard.wanted.iter().position(|wanted| wanted.line == *line && wanted.came.is_some())?;
-        self.heard.wanted.swap_remove(at).came
+    /// How a stage that was waited for has gone on, once all is known of it.
+    pub(crate) fn came(&mut self, line: &Line) -> Option<Resumption> {
+        let at = self.heard.wanted.iter().position(|wanted| wanted.line == *line && wanted.settled)?;
+        Some(self.heard.wanted.swap_remove(at).resumption)
+    }
+
+    /// As [`Self::came`], as far as it is known: the instance has died.
+    pub(crate) fn came_so_far(&mut self, line: &Line) -> Option<Resumption> {
+        let has_come = |wanted: &Wanted| wanted.line == *line && wanted.resumption.first.is_some();
+        let at = self.heard.wanted.iter().position(has_come)?;
+        Some(self.heard.wanted.swap_remove(at).resumption)
     }
 
     pub(crate) fn forget(&mut self, line: &Line, epoch: u32) {
@@ -144,112 +184,49 @@ pub(crate) fn line_of(slot: &Slot) -> Option<Line> {
     kind.writes.iter().find(|service| pulsed.contains(service)).map(|service| Line::Service(service))
 }
 
-/// How a stage's frames compare with those of its inputs.
-#[derive(Debug, Default)]
-pub(crate) struct Watch {
-    /// By slot.
-    stages: Vec<Option<Stand>>,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Stand {
-    epoch: u32,
-    own: Option<u64>,
-    /// Newest input when it put out `own`, and when there was a newer one.
-    base: u64,
-    behind: Option<Instant>,
-    input: u64,
-    /// Nothing was put out or came in since.
-    since: Instant,
-}
-
-impl Watch {
-    /// The leading instances that hang, with the reason; to be asked after the pulse has taken everything in.
-    pub(crate) fn hung(
-        &mut self,
-        slots: &[Slot],
-        pulse: &Pulse,
-        mode: Mode,
-        after_frames: u64,
-    ) -> Result<Vec<(usize, String)>, LaunchError> {
-        self.stages.resize(slots.len(), None);
-        let mut hung = Vec::new();
-        for (index, slot) in slots.iter().enumerate() {
-            let Some(line) = line_of(slot).filter(|_| after_frames > 0) else { continue };
-            let Some(input) = newest_input(slot, slots, pulse)? else { continue };
-            let own = pulse.newest(&line, slot.epoch);
-            let now = Instant::now();
-            let fresh = Stand { epoch: slot.epoch, own, base: input, behind: None, input, since: now };
-            let Some(stand) = self.stages.get_mut(index) else { continue };
-            let stand = stand.get_or_insert(fresh);
-            if stand.epoch != slot.epoch || stand.own != own {
-                *stand = fresh;
-            } else if stand.input != input {
-                (stand.input, stand.since) = (input, now);
-                stand.behind = stand.behind.or(Some(now));
-            }
-            let missed = input.saturating_sub(stand.base);
-            let last =
-                own.map_or("it has put out nothing yet".to_owned(), |seq| format!("its last frame is {seq}"));
-            let name = slot.name();
-            if missed >= after_frames && stand.behind.is_some_and(|since| since.elapsed() >= BURST) {
-                let text = format!(
-                    "stage '{name}' hangs: {missed} more frames came to it and it put out none; {last}"
-                );
-                hung.push((index, text));
-            } else if mode == Mode::Lossless
-                && own.is_none_or(|own| own < input)
-                && stand.since.elapsed() > LOSSLESS_PATIENCE
-            {
-                let seconds = LOSSLESS_PATIENCE.as_secs();
-                let text = format!(
-                    "stage '{name}' hangs: frames wait for it, and it put out none for {seconds} s; {last}"
-                );
-                hung.push((index, text));
-            }
-        }
-        Ok(hung)
-    }
-
-    /// What an instance did before it was killed is no business of the next one's.
-    pub(crate) fn forget(&mut self, slot: usize) {
-        if let Some(stand) = self.stages.get_mut(slot) {
-            *stand = None;
-        }
-    }
-}
-
-/// The newest frame that all inputs of a stage have; `None` while one has none, or where it has no input.
-fn newest_input(slot: &Slot, slots: &[Slot], pulse: &Pulse) -> Result<Option<u64>, LaunchError> {
-    let mut newest: Option<u64> = None;
-    for service in kind(&slot.entry.kind)?.reads {
-        // Of what follows from a stage's own output it may not be waited for: a deskewer's prior. A snapshot comes when asked for.
-        let is_prior =
-            *service == OdometryPose::NAME && kind(&slot.entry.kind)?.writes.contains(&ScanDeskewed::NAME);
-        if is_prior || *service == MapSnapshot::NAME {
-            continue;
-        }
-        let writer = slots.iter().find(|writer| line_of(writer) == Some(Line::Service(service)));
-        let Some(writer) = writer else { continue };
-        let Some(seq) = pulse.newest(&Line::Service(service), writer.epoch) else { return Ok(None) };
-        newest = Some(newest.map_or(seq, |newest| newest.min(seq)));
-    }
-    Ok(newest)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn beat(seq: u64) -> Option<Beat> {
+        Some(Beat { seq, sent_ns: 0 })
+    }
+
+    fn heard(wanted: Wanted, frames: &[(u32, u64)]) -> Heard {
+        let line = wanted.line.clone();
+        let mut heard = Heard { wanted: vec![wanted], ..Heard::default() };
+        for (epoch, seq) in frames {
+            let frame = FrameHeader { seq: *seq, epoch: *epoch, ..FrameHeader::default() };
+            heard.take(line.clone(), &frame);
+        }
+        heard
+    }
+
     #[test]
     fn the_first_frame_after_a_crash_is_one_that_the_dead_instance_had_not_put_out() {
-        let mut heard = Heard::default();
         let line = Line::Service(OdometryPose::NAME);
-        heard.wanted.push(Wanted { line: line.clone(), epoch: 1, after: Some(7), came: None });
-        for (epoch, seq) in [(1, 8), (2, 6), (2, 7), (2, 9), (2, 10)] {
-            heard.take(line.clone(), &FrameHeader { seq, epoch, ..FrameHeader::default() });
-        }
-        assert_eq!(heard.wanted[0].came, Some(Beat { seq: 9, sent_ns: 0 }));
+        let wanted = Wanted::new(line.clone(), 1, Some(7));
+        let heard = heard(wanted, &[(1, 8), (2, 6), (2, 7), (2, 9), (2, 10)]);
+        let expected = Resumption { first: beat(9), repeated: 2, missing: vec![(8, 8)] };
+        assert!(heard.wanted[0].settled);
+        assert_eq!(heard.wanted[0].resumption, expected);
         assert_eq!(heard.newest[&(line, 2)], 10);
+    }
+
+    #[test]
+    fn a_sink_that_first_says_what_the_dead_one_had_written_down_is_known_by_its_second_word() {
+        let sink = || Wanted::new(Line::Sink(Health::text("saver")), 0, Some(100));
+        // The dead one had written down 101, but not said so; what comes next begins with the history.
+        let open = heard(sink(), &[(1, 101)]);
+        assert!(!open.wanted[0].settled);
+        let gap = heard(sink(), &[(1, 101), (1, 120), (1, 121)]);
+        assert!(gap.wanted[0].settled);
+        let expected = Resumption { first: beat(101), repeated: 0, missing: vec![(102, 119)] };
+        assert_eq!(gap.wanted[0].resumption, expected);
+        // What it says again tells nothing; the first that is new tells all.
+        let again = heard(sink(), &[(1, 99), (1, 100), (1, 101)]);
+        assert!(again.wanted[0].settled);
+        let expected = Resumption { first: beat(101), repeated: 2, missing: vec![] };
+        assert_eq!(again.wanted[0].resumption, expected);
     }
 }

@@ -14,6 +14,7 @@ use evac_ports::{Bus, PortError, RecordPublisher, RecordSubscriber};
 
 use crate::child::Child;
 use crate::error::LaunchError;
+use crate::recording;
 use crate::registry::{ODOMETRIES, Role};
 use crate::supervisor::Supervisor;
 
@@ -127,7 +128,7 @@ impl Supervisor {
         };
         let Some(epoch) = restart.epoch else {
             if Instant::now() >= restart.due {
-                restart.epoch = Some(self.start_standby(restart.slot, &entry)?.0);
+                restart.epoch = Some(self.start_standby(restart.slot, &recording::beside(&entry))?.0);
             }
             return Ok(Some(restart));
         };

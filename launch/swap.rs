@@ -1,20 +1,17 @@
 //! A swap or a standby under way: the new instance starts beside the old one, and only when it is ready anything changes.
 
-use std::path::{Path, PathBuf};
+mod beside;
+mod request;
+
 use std::time::{Duration, Instant};
 
-use evac_config::{Pipeline, StageEntry};
-use evac_formats::write_for_this_boot;
+use evac_config::StageEntry;
 use evac_frames::{Health, Route, StageState};
-use evac_recorder::Recorder;
-use evac_stage::Stage as _;
 use rustix::process::Signal;
 
 use crate::child::Child;
-use crate::control::{Order, Outcome, Reply, Request};
+use crate::control::{Order, Outcome, Reply};
 use crate::error::LaunchError;
-use crate::finite::pipeline_text;
-use crate::registry::{ODOMETRIES, kind};
 use crate::supervisor::Supervisor;
 
 /// How long the old instance may take to finish the frame that it is at, before it is taken for hung and killed.
@@ -57,160 +54,6 @@ enum Phase {
 }
 
 impl Supervisor {
-    /// Takes up a request, or says why not.
-    pub(crate) fn take_request(&mut self, request: &Request, mut reply: Reply) {
-        if let Some(slot) = self.producer(&request.stage) {
-            return self.take_producer_request(slot, request, reply);
-        }
-        if request.order == Order::Unshadow {
-            return self.end_shadow_by_request(request, reply);
-        }
-        if self.operation.is_some() {
-            return reply.fail("another request is under way; ask again when it is through");
-        }
-        match self.begin(request) {
-            Ok((slot, entry, epoch, pid)) => {
-                reply.progress(&format!(
-                    "instance {epoch} of '{}' ({}) starts, pid {pid}",
-                    request.stage, entry.kind
-                ));
-                let now = Instant::now();
-                let patience = Duration::try_from_secs_f64(request.patience_s).unwrap_or(Duration::MAX);
-                let until = now.checked_add(patience).unwrap_or(now + Duration::from_secs(86_400));
-                self.operation = Some(Operation {
-                    order: request.order,
-                    reply,
-                    slot,
-                    entry,
-                    epoch,
-                    pid,
-                    started: now,
-                    ready_s: 0.0,
-                    before: None,
-                    phase: Phase::WarmUp { until },
-                });
-            }
-            Err(cause) => reply.fail(&cause.to_string()),
-        }
-    }
-
-    fn begin(&mut self, request: &Request) -> Result<(usize, StageEntry, u32, u32), LaunchError> {
-        let slot = self.slot_of(&request.stage)?;
-        let entry = match request.order {
-            Order::Promote => self.shadow_of(slot)?.entry.clone(),
-            _ => self.entry_for(slot, request)?,
-        };
-        if request.order == Order::Shadow {
-            let (epoch, pid) = self.start_shadow(slot, &entry)?;
-            return Ok((slot, entry, epoch, pid));
-        }
-        let is_as_before = request.run.is_none() && request.kind.is_none() && request.config.is_none();
-        if request.order == Order::Swap
-            && is_as_before
-            && let Some((epoch, pid)) = self.ready_standby(slot)
-        {
-            return Ok((slot, entry, epoch, pid));
-        }
-        let (epoch, pid) = self.start_standby(slot, &entry)?;
-        Ok((slot, entry, epoch, pid))
-    }
-
-    /// Starts an instance that follows; gives its epoch and pid.
-    pub(crate) fn start_standby(
-        &mut self,
-        slot: usize,
-        entry: &StageEntry,
-    ) -> Result<(u32, u32), LaunchError> {
-        self.start_beside(slot, entry, entry, true)
-    }
-
-    /// Starts an instance of `entry` beside the one that leads, by the command line of `started`.
-    pub(crate) fn start_beside(
-        &mut self,
-        slot: usize,
-        entry: &StageEntry,
-        started: &StageEntry,
-        standby: bool,
-    ) -> Result<(u32, u32), LaunchError> {
-        let mut pipeline = self.pipeline.clone();
-        if let Some(place) = pipeline.stages.get_mut(slot) {
-            *place = entry.clone();
-        }
-        crate::check::check(&pipeline).map_err(LaunchError::Path)?;
-        let epoch = self.slots.get_mut(slot).map_or(0, |slot| slot.take_epoch());
-        let file = self.write_pipeline(slot, entry, epoch)?;
-        let child = Child::spawn(started, &file, (epoch, standby), &self.around)?;
-        let pid = child.pid();
-        self.children.push(child);
-        Ok((epoch, pid))
-    }
-
-    /// The pipeline file of an instance, in the domain's folder.
-    pub(crate) fn write_pipeline(
-        &self,
-        slot: usize,
-        entry: &StageEntry,
-        epoch: u32,
-    ) -> Result<PathBuf, LaunchError> {
-        let mut pipeline = self.pipeline.clone();
-        if let Some(place) = pipeline.stages.get_mut(slot) {
-            *place = entry.clone();
-        }
-        let file = self.around.domain.folder().join(format!("{}-{epoch}.toml", entry.name()));
-        let text = pipeline_text(&pipeline)?;
-        write_for_this_boot(&file, |writer| std::io::Write::write_all(writer, text.as_bytes()))?;
-        Ok(file)
-    }
-
-    /// The stage by its name; `odometry` is whichever there is.
-    pub(crate) fn slot_of(&self, name: &str) -> Result<usize, LaunchError> {
-        let by_name = self.slots.iter().position(|slot| slot.name() == name);
-        let is_odometry = |kind: &str| name == "odometry" && ODOMETRIES.contains(&kind);
-        let found = by_name.or_else(|| self.slots.iter().position(|slot| is_odometry(&slot.entry.kind)));
-        let Some((index, slot)) = found.and_then(|index| Some((index, self.slots.get(index)?))) else {
-            let names: Vec<_> = self.slots.iter().map(|slot| slot.name()).collect();
-            return Err(LaunchError::Path(format!(
-                "there is no stage '{name}'; the pipeline has: {}",
-                names.join(", ")
-            )));
-        };
-        if slot.entry.kind == Recorder::NAME {
-            return Err(LaunchError::Path(format!(
-                "'{name}' records, and a second one beside it would write over its files; run another recorder into another folder"
-            )));
-        }
-        Ok(index)
-    }
-
-    /// The new instance's entry of the pipeline.
-    pub(crate) fn entry_for(&self, slot: usize, request: &Request) -> Result<StageEntry, LaunchError> {
-        let Some(old) = self.slots.get(slot).map(|slot| &slot.entry) else {
-            return Err(LaunchError::Path("no such stage".to_owned()));
-        };
-        let mut entry = StageEntry { name: Some(old.name().to_owned()), ..old.clone() };
-        if let Some(new) = &request.kind {
-            if kind(new)?.writes != kind(&old.kind)?.writes {
-                return Err(LaunchError::Path(format!(
-                    "a stage of kind '{new}' does not write what '{}' does ({}); choose one that does",
-                    old.name(),
-                    kind(&old.kind)?.writes.join(", ")
-                )));
-            }
-            if *new != old.kind {
-                new.clone_into(&mut entry.kind);
-                entry.config.clear();
-                entry.run = None;
-            }
-        }
-        if request.run.is_some() {
-            entry.run.clone_from(&request.run);
-        }
-        if let Some(file) = &request.config {
-            entry.config = config_from(file, &entry)?;
-        }
-        Ok(entry)
-    }
-
     /// An instance that could take over.
     pub(crate) fn ready_standby(&self, slot: usize) -> Option<(u32, u32)> {
         let slot = self.slots.get(slot)?;
@@ -316,9 +159,9 @@ impl Supervisor {
                 }
             }
             Phase::TakeOver { old, since, from_seq } => {
-                let leads = state.is_some_and(|state| {
-                    state == StageState::Running as u32 || state == StageState::Finished as u32
-                });
+                // One that followed does not wait any more, unless it leads and has to ask for the map.
+                let leading = [StageState::Running, StageState::Waiting, StageState::Finished];
+                let leads = state.is_some_and(|state| leading.iter().any(|lead| *lead as u32 == state));
                 let routed = operation.before.as_ref().map_or(since, |(_, _, routed)| *routed);
                 let is_late = !leads && routed.elapsed() > TAKE_OVER_PATIENCE;
                 if let Some(old) = old.filter(|_| gone || is_late) {
@@ -435,18 +278,4 @@ impl Operation {
             handover_ms,
         }
     }
-}
-
-/// The configuration of the stage of that name or kind in a pipeline file.
-fn config_from(file: &PathBuf, entry: &StageEntry) -> Result<toml::Table, LaunchError> {
-    let pipeline = Pipeline::read(Path::new(file))?;
-    let by_name = pipeline.stage(entry.name()).filter(|found| found.kind == entry.kind);
-    let found = by_name.or_else(|| pipeline.stages.iter().find(|found| found.kind == entry.kind));
-    found.map(|found| found.config.clone()).ok_or_else(|| {
-        LaunchError::Path(format!(
-            "{}: there is no [[stage]] of kind '{}' in it; add one with its [stage.config]",
-            file.display(),
-            entry.kind
-        ))
-    })
 }

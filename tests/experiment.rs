@@ -99,3 +99,23 @@ fn a_wrong_name_is_answered_with_the_right_ones() {
     walks(["--set", "lio.no_such_key=1"]).expect_error(3, &["no_such_key"]);
     walks(["--duration", "0"]).expect_error(3, &["--duration"]);
 }
+
+#[test]
+fn restarts_prints_a_line_a_killed_stage_and_what_it_cost() {
+    let bench = Bench::new();
+    let stages = ["grid_exporter", "recorder"];
+    let args = ["experiment", "restarts", "--only", "grid_exporter,recorder", "-o", "out"];
+    let ended = bench.run(args).expect_success();
+    assert!(ended.stdout.contains("every frame that a sink misses is stated: held"), "{}", ended.stdout);
+    println!("{}", ended.stdout);
+    let json: Value = serde_json::from_str(&bench.text("out/restarts.json")).unwrap();
+    for (kill, stage) in json["kills"].as_array().unwrap().iter().zip(stages) {
+        assert_eq!(kill["stage"], stage);
+        assert!(kill["next_seq"].as_u64() > kill["last_seq"].as_u64(), "{kill}");
+        // Up before it puts out anything, which is before the rest has passed.
+        let times = ["up_ms", "next_ms", "whole_ms"].map(|key| kill[key].as_f64().unwrap());
+        assert!(times[0] > 0.0 && times[0] <= times[1] && times[0] <= times[2], "{kill}");
+    }
+    assert_eq!(json["kills"].as_array().unwrap().len(), stages.len());
+    bench.run(["experiment", "restarts", "--only", "nobody"]).expect_error(3, &["nobody", "map_saver"]);
+}

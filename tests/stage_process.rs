@@ -10,9 +10,12 @@ use evac_formats::livox_sdk1::{CartesianMm, DATAGRAM_SHOTS, encode_cartesian};
 use evac_formats::pcap::PcapWriter;
 use evac_formats::wt901c::{encode_accel, encode_gyro};
 use evac_frames::{
-    FrameHeader, Health, ImuSample, Point, PoseFrame, ScanHeader, StageState, TrackingState, frame_flags,
+    FrameHeader, Health, ImuSample, MapHeader, Point, PoseFrame, ScanHeader, StageState, TrackingState,
+    Voxel, frame_flags, map_flags,
 };
-use evac_ports::services::{HealthStatus, Imu, LidarScan, OdometryPose, ScanDeskewed};
+use evac_ports::services::{
+    HealthStatus, Imu, LidarScan, MapSnapshot, MapUpdate, OdometryPose, ScanDeskewed,
+};
 use evac_ports::{Bus, DomainLock, FramePublisher, RecordPublisher, RecordSubscriber};
 use rustix::process::Signal;
 
@@ -158,6 +161,50 @@ fn a_stage_that_is_slower_than_its_input_ends_on_sigterm_all_the_same() {
     }
     assert!(told, "it ended of itself");
     stage.end().expect_success();
+}
+
+#[test]
+fn a_sink_that_has_to_wait_for_the_map_says_so_until_it_has_it() {
+    let line = Line::new();
+    let updates = FramePublisher::<MapUpdate>::open(&line.bus).unwrap();
+    let snapshots = FramePublisher::<MapSnapshot>::open(&line.bus).unwrap();
+    let poses = RecordPublisher::<OdometryPose>::open(&line.bus).unwrap();
+    let output = line.bench.path("plan");
+    let text = format!(
+        "mode = \"live\"\n[[stage]]\nkind = \"grid_exporter\"\n[stage.config]\noutput_dir = \"{}\"\n",
+        output.display()
+    );
+    let file = line.bench.write("exporter.toml", text);
+    let mut exporter = line.start_with("grid_exporter", &["--config", file.to_str().unwrap()]);
+    let header = |seq: u64, key_frames: u64, flags: u32| MapHeader {
+        frame: FrameHeader { seq, end_ns: seq as i64 * 100_000_000, ..FrameHeader::default() },
+        resolution: 0.2,
+        map_flags: flags,
+        key_frames,
+        voxels: 1,
+        ..MapHeader::default()
+    };
+    let voxel = |_: usize| Voxel { key: [32_768; 3], log_odds: 0.85, ..Voxel::default() };
+    let send = |seq: u64, key_frames: u64| {
+        let header = header(seq, key_frames, map_flags::KEY_FRAME);
+        poses.publish(&PoseFrame { frame: header.frame, ..PoseFrame::default() }).unwrap();
+        updates.publish(1, voxel, || header).unwrap();
+    };
+    let (running, waiting) = (StageState::Running as u32, StageState::Waiting as u32);
+    send(0, 1);
+    line.report_of(&mut exporter, |health| health.state == running && health.frames_out == 1);
+    // Three key frames have not come to it.
+    send(1, 5);
+    send(2, 6);
+    let waits = line.report_of(&mut exporter, |health| health.state == waiting);
+    line.report_of(&mut exporter, |health| {
+        health.state == waiting && health.reported_ns > waits.reported_ns && health.frames_out == 1
+    });
+    snapshots.publish(1, voxel, || header(2, 6, map_flags::SNAPSHOT)).unwrap();
+    send(3, 7);
+    line.report_of(&mut exporter, |health| health.state == running && health.last_seq == 3);
+    exporter.signal(Signal::TERM);
+    exporter.end().expect_success();
 }
 
 #[test]

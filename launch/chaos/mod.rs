@@ -7,7 +7,7 @@ mod cli;
 mod deed;
 mod fault;
 mod map;
-mod monitor;
+pub(crate) mod monitor;
 mod report;
 mod resources;
 mod run;

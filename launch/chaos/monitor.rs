@@ -11,49 +11,49 @@ use crate::incidents::Incident;
 
 /// A producer that says nothing for longer than this stalls, milliseconds; its period is 100 in real time. One that waited for a stopped
 /// reader would from its 32nd frame to the 60th (`HANG_FRAMES`), 2.8 s.
-pub(super) const STALL_MS: f64 = 2500.0;
+pub(crate) const STALL_MS: f64 = 2500.0;
 
 /// Follows the producer and the sinks.
 #[derive(Debug)]
-pub(super) struct Monitor {
+pub(crate) struct Monitor {
     scans: FrameSubscriber<LidarScan>,
     acks: RecordSubscriber<SinkAck>,
-    pub(super) seen: Seen,
+    pub(crate) seen: Seen,
 }
 
 /// What was seen.
 #[derive(Debug, Default)]
-pub(super) struct Seen {
+pub(crate) struct Seen {
     /// Newest scan: number, writer, hand-over.
     scan: Option<(u64, u32, i64)>,
     /// Longest time between two scans of one instance, milliseconds.
-    pub(super) longest_gap_ms: f64,
-    pub(super) sinks: BTreeMap<String, Sink>,
+    pub(crate) longest_gap_ms: f64,
+    pub(crate) sinks: BTreeMap<String, Sink>,
 }
 
 /// One sink.
 #[derive(Debug, Default, Clone, Serialize)]
-pub(super) struct Sink {
-    pub(super) frames: u64,
+pub(crate) struct Sink {
+    pub(crate) frames: u64,
     next: u64,
     /// Newest frame of each instance.
     #[serde(skip)]
     newest: BTreeMap<u32, u64>,
     /// First and last frame of each.
-    pub(super) gaps: Vec<(u64, u64)>,
+    pub(crate) gaps: Vec<(u64, u64)>,
     /// Acknowledged twice by one instance.
-    pub(super) doubled: u64,
+    pub(crate) doubled: u64,
     /// Acknowledged once more by an instance that took the place of a dead one.
-    pub(super) again: u64,
+    pub(crate) again: u64,
 }
 
 impl Monitor {
-    pub(super) fn open(bus: &Bus) -> Result<Self, PortError> {
+    pub(crate) fn open(bus: &Bus) -> Result<Self, PortError> {
         let (scans, acks) = (FrameSubscriber::open(bus)?.0, RecordSubscriber::open(bus)?.0);
         Ok(Self { scans, acks, seen: Seen::default() })
     }
 
-    pub(super) fn take_in(&mut self) -> Result<(), PortError> {
+    pub(crate) fn take_in(&mut self) -> Result<(), PortError> {
         while let Some(scan) = self.scans.receive()? {
             let frame = &scan.header().frame;
             self.seen.take_scan(frame.seq, frame.epoch, frame.sent_ns);
@@ -93,27 +93,22 @@ impl Seen {
     }
 
     /// Number of the newest scan.
-    pub(super) fn newest(&self) -> u64 {
+    pub(crate) fn newest(&self) -> u64 {
         self.scan.map_or(0, |(seq, ..)| seq)
     }
 
     /// How far all sinks are.
-    pub(super) fn acked(&self) -> u64 {
+    pub(crate) fn acked(&self) -> u64 {
         self.sinks.values().map(|sink| sink.next).min().unwrap_or(0)
     }
 
-    /// Frames that a sink does not have and no incident states. A sink that was started again may first say once more what the dead one
-    /// had written down: what is missing next is its restart's, too.
-    pub(super) fn unexplained(&self, incidents: &[Incident]) -> Vec<String> {
-        let stated: Vec<_> = incidents.iter().filter_map(Incident::missing).collect();
+    /// Frames that a sink does not have and no incident states.
+    pub(crate) fn unexplained(&self, incidents: &[Incident]) -> Vec<String> {
+        let stated: Vec<_> = incidents.iter().flat_map(Incident::missing).collect();
         let is_stated = |seq: u64| stated.iter().any(|(first, last)| (*first..=*last).contains(&seq));
         let mut found = Vec::new();
         for (name, sink) in &self.sinks {
-            let repeats = |seq: u64| {
-                let of_sink = incidents.iter().filter(|incident| incident.stage == *name);
-                of_sink.filter_map(|incident| incident.resumed).any(|resumed| resumed.seq + 1 == seq)
-            };
-            for (first, last) in sink.gaps.iter().filter(|(first, _)| !repeats(*first)) {
+            for (first, last) in &sink.gaps {
                 let missing: Vec<_> = (*first..=*last).filter(|seq| !is_stated(*seq)).collect();
                 if let (Some(first), Some(last)) = (missing.first(), missing.last()) {
                     found.push(format!("{name} does not have frames {first} to {last} ({})", missing.len()));
@@ -127,6 +122,7 @@ impl Seen {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pulse::Resumption;
 
     #[test]
     fn what_one_instance_says_twice_is_doubled_and_what_the_next_says_again_is_not() {
@@ -148,12 +144,9 @@ mod tests {
         assert!(seen.unexplained(&[])[0].contains("5 to 7"));
         let mut incidents = crate::incidents::Incidents::default();
         incidents.add(Incident::new("lio", 0, String::new(), false, Some(4)));
-        incidents.resumed("lio", crate::pulse::Beat { seq: 8, sent_ns: 0 });
-        assert_eq!(seen.unexplained(&incidents.newest), Vec::<String>::new());
-        // Frame 4 is said again by a saver that was started again.
-        let mut incidents = crate::incidents::Incidents::default();
-        incidents.add(Incident::new("saver", 0, String::new(), false, Some(3)));
-        incidents.resumed("saver", crate::pulse::Beat { seq: 4, sent_ns: 0 });
+        assert!(seen.unexplained(&incidents.newest)[0].contains("5 to 7"));
+        let first = Some(crate::pulse::Beat { seq: 8, sent_ns: 0 });
+        incidents.resumed("lio", Resumption { first, repeated: 0, missing: vec![(5, 7)] });
         assert_eq!(seen.unexplained(&incidents.newest), Vec::<String>::new());
     }
 }

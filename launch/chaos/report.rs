@@ -66,12 +66,12 @@ impl Report {
             .incidents
             .iter()
             .filter(|incident| !incident.cause.contains("hangs"))
-            .filter_map(|incident| incident.resumed)
+            .filter_map(|incident| incident.resumed.as_ref())
             .map(|resumed| resumed.after_ms)
             .collect();
         back.sort_by(f64::total_cmp);
         let missing: u64 =
-            self.incidents.iter().filter_map(Incident::missing).map(|(first, last)| last - first + 1).sum();
+            self.incidents.iter().flat_map(Incident::missing).map(|(first, last)| last - first + 1).sum();
         let at =
             |share: usize| back.get(back.len().saturating_sub(1) * share / 100).copied().unwrap_or(f64::NAN);
         let _ = writeln!(

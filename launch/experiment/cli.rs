@@ -43,6 +43,33 @@ pub(crate) enum Experiment {
     /// The whole pipeline runs as processes in real time; deskewer, odometry (lio and loam in turn), mapper, grid exporter and
     /// map saver are swapped one after the other. Prints the figures and writes swaps.json beside the results of the walk.
     Swaps(SwapsArgs),
+    /// Kill each stage without a standby in a walk: how long until the pipeline is whole again, and what does it cost?
+    ///
+    /// The whole pipeline runs as processes in real time, with a recorder; one stage after the other is killed (SIGKILL). Prints for
+    /// each when the new process is up, when its first new frame comes, and when every sink is done with the first scan after the
+    /// death, with the limit of a second; writes restarts.json beside the results of the walk.
+    Restarts(RestartsArgs),
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RestartsArgs {
+    /// How often each stage is killed; a round takes a minute, as a stage that crashes more often is started again later
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=60))]
+    pub(crate) rounds: u32,
+    /// Only these stages in turn; several may be given with commas
+    #[arg(long, value_name = "STAGE", value_delimiter = ',', default_values = super::restarts::STAGES)]
+    pub(crate) only: Vec<String>,
+    /// Seed of noise, biases and gait
+    #[arg(long, default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Folder for the results
+    #[arg(short, long, value_name = "DIR", default_value = "evac-restarts")]
+    pub(crate) output: PathBuf,
+    /// Space of shared-memory services [default: one of its own, so that several can run at once]
+    #[arg(long)]
+    pub(crate) domain: Option<String>,
+    #[command(flatten)]
+    pub(crate) log: evac_stage::LogOptions,
 }
 
 #[derive(Debug, Args)]

@@ -3,6 +3,8 @@
 mod cli;
 mod line;
 mod process;
+mod restarts;
+mod restarts_report;
 mod runs;
 mod soak;
 mod soak_report;
@@ -39,6 +41,7 @@ pub(crate) fn experiment(args: &ExperimentArgs) -> Result<(), LaunchError> {
         Experiment::Table2(args) => table2::table2(args),
         Experiment::Soak(args) => soak::soak(args),
         Experiment::Swaps(args) => swaps::swaps(args),
+        Experiment::Restarts(args) => restarts::restarts(args),
     }
 }
 

@@ -108,6 +108,20 @@ fn a_wrong_rig_makes_a_worse_run_than_the_right_one() {
 }
 
 #[test]
+fn a_tunnel_where_each_view_is_laid_from_the_one_before_takes_the_odometry_away_no_farther_than_it_says() {
+    let tunnel =
+        evac_simulator::catalogue(5).into_iter().find(|walk| walk.name.starts_with("tunnel_2")).unwrap();
+    let config = Config { duration_s: Some(40.0), ..tunnel.config };
+    let walk = simulated(&tunnel.name, &config, &tunnel.rig).unwrap();
+    let trajectory = run(&walk, &Settings::default());
+    let figures = Figures::of(&trajectory);
+    assert!(figures.within_3_sigma > 0.99, "{figures:?}");
+    // Nor does it say whatever it likes.
+    let variance = trajectory.frames.last().map(|last| last.pose.covariance[0].max(last.pose.covariance[7]));
+    assert!(variance.unwrap().sqrt() < 0.1, "{variance:?}");
+}
+
+#[test]
 fn the_papers_odometry_runs_too_and_is_worse_off_without_the_deskewer() {
     let config = Config { seed: 38, duration_s: Some(25.0), ..Config::default() };
     let walk = simulated("corridor", &config, &Rig::default()).unwrap();

@@ -32,6 +32,8 @@ pub(crate) struct Motion {
 
 /// Samples kept: 2 s at 1000 Hz.
 const HISTORY: usize = 2048;
+/// So many exact zeros in a row are the firmware's and no chance of quantisation.
+const HELD_RUN: usize = 10;
 /// How much a pose may be younger than the frame's start: rounding of frame borders.
 const OVERLAP_NS: i64 = 5_000_000;
 /// A sensor clock that goes back by more has been started anew.
@@ -134,14 +136,13 @@ impl Motion {
             Some(TrackingState::Initialising) => f64::from(pose.quality) > SETTLING_QUALITY,
             _ => false,
         };
-        let is_held_at_zero = self.detector.rest().is_some_and(|rest| rest.gyro_bias.is_none());
         let state = ImuState {
             time_ns: pose.frame.end_ns,
             world_from_imu: map_from_imu(pose).rotation,
             // Only differences of position count; the origin keeps them exact far away from the map's.
             position: Vector3::zeros(),
             velocity: pose.velocity.into(),
-            gyro_bias: if is_held_at_zero { Vector3::zeros() } else { pose.gyro_bias.into() },
+            gyro_bias: if self.is_held_at_zero() { Vector3::zeros() } else { pose.gyro_bias.into() },
             accel_bias: pose.accel_bias.into(),
             gravity: pose.gravity.into(),
             time_offset_ns: pose.time_offset_ns,
@@ -155,6 +156,14 @@ impl Motion {
             && (state.gravity.norm() - STANDARD_GRAVITY).abs() < 1.0
             && state.time_offset_ns.unsigned_abs() <= MAX_OFFSET_NS.unsigned_abs();
         (tracks && plausible && self.is_recent(state.time_ns, frame)).then_some(state)
+    }
+
+    /// Whether the gyroscope's firmware holds it at zero at the frame's end: its bias is taken off with the rest. Seen from the newest
+    /// samples alone, so that an instance that was started again, whose standstill began at another sample or is not known to it, puts
+    /// out the same bytes.
+    fn is_held_at_zero(&self) -> bool {
+        let newest = self.history.iter().rev().take(HELD_RUN);
+        newest.take_while(|sample| sample.gyro == [0.0; 3]).count() == HELD_RUN
     }
 
     /// The state at the end of the last frame.

@@ -15,7 +15,10 @@ fn deskewer() -> Deskewer {
 
 /// The frames with the poses that the deskewer has of each.
 fn walk(seconds: f64) -> Vec<(Frame, Option<PoseFrame>)> {
-    let config = Config { seed: 3, duration_s: Some(seconds), ..Config::default() };
+    walk_of(Config { seed: 3, duration_s: Some(seconds), ..Config::default() })
+}
+
+fn walk_of(config: Config) -> Vec<(Frame, Option<PoseFrame>)> {
     let frames = simulate(&config, &Rig::default()).unwrap();
     let mut prior = None;
     frames
@@ -60,6 +63,39 @@ fn with_the_pose_before_a_standby_puts_out_what_the_instance_that_led_would_have
         for from in [1, 5, 16] {
             assert!(points(&walk, cut - from, cut) == led, "frame {cut}, followed since {from} frames");
         }
+    }
+}
+
+/// Points of frames from `first` on, of an instance that was started at frame `from` and hears its IMU from sample `sample` on.
+fn started(
+    walk: &[(Frame, Option<PoseFrame>)],
+    (from, sample): (usize, usize),
+    first: usize,
+) -> Vec<Vec<Point>> {
+    let mut stage = deskewer();
+    let mut deskewed = Vec::new();
+    for (index, (frame, prior)) in walk.iter().enumerate().skip(from) {
+        let mut input = frame.input(prior.as_ref());
+        if index == from {
+            input.imu = &input.imu[sample..];
+        }
+        let points = stage.deskew(&input, &mut Counters::default()).points().collect();
+        deskewed.extend((index >= first).then_some(points));
+    }
+    deskewed
+}
+
+#[test]
+fn with_the_pose_before_an_instance_that_was_started_again_puts_out_the_same_when_the_rig_stands_later() {
+    // It walks, and stands again after 45 s, while the gyroscope's firmware holds it at zero.
+    let mut walk = walk_of(Config { seed: 6, duration_s: Some(48.0), ..Config::default() });
+    walk.drain(..430);
+    let held = walk.iter().filter(|(frame, _)| frame.imu.iter().all(|imu| imu.gyro == [0.0; 3]));
+    assert!(held.count() > 10, "the rig does not stand");
+    let led = started(&walk, (0, 0), 10);
+    // What is remembered of the IMU begins with any sample.
+    for start in [(1, 3), (4, 7), (7, 11), (9, 19)] {
+        assert!(started(&walk, start, 10) == led, "started at frame and sample {start:?}");
     }
 }
 

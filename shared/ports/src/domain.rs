@@ -1,11 +1,14 @@
 //! Domains keep pipelines and tests on one machine apart.
 
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
-use std::io::{Read, Seek, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt as _, PermissionsExt as _};
+use std::io::{ErrorKind, Read, Seek, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt as _, PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
 
 use crate::PortError;
+
+/// Folders of the middleware's registrations in a domain's folder.
+const REGISTERED: [&str; 2] = ["nodes", "services"];
 
 /// A named space of services: its own prefix in shared memory and its own folder for sockets and registrations.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -56,15 +59,22 @@ impl Domain {
         PathBuf::from(format!("/tmp/evac-{uid}")).join(&self.name)
     }
 
-    /// Creates the folder, readable by this user only.
+    /// Where the middleware keeps who is in the domain and which services there are. It syncs each of some fifty files that a stage
+    /// writes there as it starts; on a disk that others write to this takes up to a second, in memory none.
+    fn registry(&self) -> PathBuf {
+        PathBuf::from("/dev/shm").join(format!("{}registry", self.prefix()))
+    }
+
+    /// Creates the folder, readable by this user only, with the registry that it leads to.
     pub(crate) fn create_folder(&self) -> Result<(), PortError> {
         let refuse = |cause: std::io::Error| PortError::BadDomain {
             name: self.name.clone(),
             cause: format!("its folder {} cannot be used: {cause}", self.folder().display()),
         };
-        DirBuilder::new().recursive(true).mode(0o700).create(self.folder()).map_err(refuse)?;
-        // The folder's parent sits in a directory that everybody may write to: make sure it is ours.
-        for folder in self.folder().ancestors().take(2) {
+        let create = |folder: &Path| DirBuilder::new().recursive(true).mode(0o700).create(folder);
+        create(&self.folder()).and_then(|()| create(&self.registry())).map_err(refuse)?;
+        // Both sit in directories that everybody may write to: make sure that they are ours.
+        for folder in self.folder().ancestors().take(2).chain([self.registry().as_path()]) {
             // Of the path itself: another user's link to a folder of ours would make us remove that folder at the end.
             let found = fs::symlink_metadata(folder).map_err(refuse)?;
             let text = match found.uid() {
@@ -73,6 +83,14 @@ impl Domain {
                 _ => continue,
             };
             return Err(refuse(std::io::Error::other(format!("{} {text}", folder.display()))));
+        }
+        for part in REGISTERED {
+            let place = self.registry().join(part);
+            create(&place).map_err(refuse)?;
+            match symlink(&place, self.folder().join(part)) {
+                Err(cause) if cause.kind() != ErrorKind::AlreadyExists => return Err(refuse(cause)),
+                _ => {}
+            }
         }
         Ok(())
     }
@@ -156,8 +174,11 @@ impl Domain {
     /// Removes what the domain left in shared memory (the middleware itself leaves at least one management file) and
     /// its folder. Only for the launcher, after all its processes have ended.
     fn remove_leftovers(&self) {
-        for (path, _) in self.in_memory() {
-            remove(&path, |path| fs::remove_file(path));
+        for (path, found) in self.in_memory() {
+            remove(
+                &path,
+                |path| if found.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) },
+            );
         }
         remove(&self.folder(), |path| fs::remove_dir_all(path));
     }
@@ -211,6 +232,30 @@ mod tests {
         let refusal = domain.lock().unwrap_err().to_string();
         assert!(refusal.contains("is no folder"), "{refusal}");
         fs::remove_file(domain.folder()).unwrap();
+        assert!(target.path().exists());
+    }
+
+    #[test]
+    fn what_the_middleware_registers_is_in_memory_and_goes_with_the_domain() {
+        let domain = Domain::new(&format!("registry-{}", std::process::id())).unwrap();
+        let lock = domain.lock().unwrap();
+        let bus = crate::Bus::join(&domain, "test").unwrap();
+        let nodes = fs::canonicalize(domain.folder().join("nodes")).unwrap();
+        assert!(nodes.starts_with("/dev/shm") && fs::read_dir(&nodes).unwrap().count() > 0, "{nodes:?}");
+        drop(bus);
+        drop(lock);
+        assert!(!domain.registry().exists());
+    }
+
+    #[test]
+    fn a_link_in_the_registry_s_place_is_refused() {
+        let domain = Domain::new(&format!("elsewhere-{}", std::process::id())).unwrap();
+        let target = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink(target.path(), domain.registry()).unwrap();
+        let refusal = domain.lock().unwrap_err().to_string();
+        assert!(refusal.contains("registry is no folder"), "{refusal}");
+        assert_eq!(fs::read_dir(target.path()).unwrap().count(), 0);
+        domain.remove_leftovers();
         assert!(target.path().exists());
     }
 

@@ -7,7 +7,8 @@ use crate::bus::{Bus, Ipc, retry};
 use crate::services::Qos;
 use crate::wakeup::Listener;
 
-const REQUESTS: Qos = Qos { publishers: 8, subscribers: 4, buffer: 1, borrowed: 1, history: 0, nodes: 24 };
+/// One that is asked listens twice: for its run loop to wake, and to know what for.
+const REQUESTS: Qos = Qos { publishers: 8, subscribers: 8, buffer: 1, borrowed: 1, history: 0, nodes: 24 };
 
 /// Asks.
 #[derive(Debug)]
@@ -47,6 +48,14 @@ impl RequestReceiver {
     /// [`PortError::Refused`].
     pub fn open(bus: &Bus, name: &'static str) -> Result<Self, PortError> {
         Ok(Self(Listener::open(bus, name, &REQUESTS)?))
+    }
+
+    /// What wakes whoever is asked for `name`.
+    ///
+    /// # Errors
+    /// [`PortError::Refused`].
+    pub fn listener(bus: &Bus, name: &'static str) -> Result<Listener, PortError> {
+        Listener::open(bus, name, &REQUESTS)
     }
 
     /// Whether somebody has asked since the last call.

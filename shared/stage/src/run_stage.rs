@@ -1,9 +1,12 @@
 //! The run loop of processors and consumers.
 
+mod lead;
+mod standby;
+
 use std::ops::ControlFlow;
 use std::time::Duration;
 
-use evac_frames::{FrameHeader, Route, StageState, frame_flags};
+use evac_frames::{Route, StageState};
 use evac_ports::services::Routes;
 use evac_ports::{Bus, Listener, RecordSubscriber, Wake, now_ns, wait_on};
 
@@ -11,12 +14,12 @@ use crate::ack::AckPort;
 use crate::checkpoint::Checkpoints;
 use crate::follow::{Followed, Follower};
 use crate::joins::{Join, JoinOptions};
-use crate::journal::{self, Head, Journal, Place, Start};
+use crate::journal::{Journal, Place, Start};
 use crate::options::Context;
-use crate::role::{Order, Orders, Promotion, Role, Standby};
+use crate::role::{Order, Orders, Role, Standby};
 use crate::stage_main::prepare;
 use crate::tracer::Tracer;
-use crate::{Readiness, Reporter, RunError, RunOptions, Stage, StageError, StageOutput, State};
+use crate::{Reporter, RunError, RunOptions, Stage, StageOutput, State};
 
 /// Kinds of odometry stages; a deskewer beside one of them uses its poses as prior.
 const ODOMETRY_KINDS: &[&str] = &["lio", "loam"];
@@ -69,7 +72,9 @@ where
         state = StageState::Following;
     }
     let shadows = if options.shadow { Some(shadow_bus::<S>(&context)?) } else { None };
-    let output = S::Output::open(shadows.as_ref().unwrap_or(&bus), context.epoch)?;
+    let output_bus = shadows.as_ref().unwrap_or(&bus);
+    let output = S::Output::open(output_bus, context.epoch)?;
+    listeners.extend(output.listeners(output_bus)?);
     let ack = if <S::Output as StageOutput>::IS_SINK { Some(AckPort::open(&bus, &context)?) } else { None };
     let checkpoints = match ack {
         Some(_) => Some(Checkpoints::open(&bus, &context.domain, &context.name)?),
@@ -179,6 +184,10 @@ where
         if self.ended && self.ack.is_some() {
             return Ok(None);
         }
+        // The launcher counts what comes meanwhile.
+        if self.role.leads() && !self.ended && self.join.waits() {
+            self.reporter.change(StageState::Waiting)?;
+        }
         let mut timeout_ns = self.reporter.report_if_due()?;
         if let Some(deadline) = self.join.deadline_ns().filter(|_| !self.ended) {
             timeout_ns = timeout_ns.min((deadline - now_ns()).max(1_000_000));
@@ -246,203 +255,5 @@ where
             Role::Follow(_) => self.follow_next(),
             Role::Retired => Ok(false),
         }
-    }
-
-    /// Processes one complete set, if there is one. A processor whose stream has ended stays until it is told to stop, so
-    /// that nothing it has published is taken away before it is read; a sink finishes its files and ends.
-    fn process_next(&mut self) -> Result<bool, RunError> {
-        let (stage, output, leads_from) = (&mut self.stage, &mut self.output, self.leads_from);
-        let read_back = &mut self.read_back;
-        let complete_ns = now_ns();
-        let handled = self.join.next(&mut self.reporter, |input, frame, reporter| {
-            if frame.seq < leads_from {
-                stage.follow(input, None)?;
-                return Ok(*frame);
-            }
-            // Readers go on with what was read back only if nothing is missing after it.
-            if std::mem::take(read_back) && frame.seq > leads_from {
-                output.go_on_with(None);
-            }
-            reporter.begin();
-            stage.process(input, output, &mut reporter.counters)?;
-            reporter.odometry = output.odometry();
-            if !stage.note().is_empty() {
-                reporter.note(stage.note());
-            }
-            reporter.done(frame, complete_ns);
-            Ok::<FrameHeader, StageError>(*frame)
-        });
-        let Some(frame) = handled.transpose()? else { return Ok(false) };
-        if frame.seq < leads_from {
-            return Ok(true);
-        }
-        self.write_down(&frame);
-        let Some(frame) = self.join.done(&frame) else { return Ok(true) };
-        let awaited = self.last_seq.map_or(frame.seq, |last| last.saturating_add(1));
-        if frame.seq > awaited {
-            self.reporter.missed(awaited, frame.seq - 1);
-        }
-        self.last_seq = Some(frame.seq);
-        self.ended = frame.flags & frame_flags::END_OF_STREAM != 0;
-        if self.ended {
-            self.end()?;
-        }
-        if let Some(ack) = &self.ack {
-            ack.send(frame.seq, self.ended)?;
-        }
-        Ok(true)
-    }
-
-    fn write_down(&mut self, frame: &FrameHeader) {
-        let Some(journal) = &mut self.journal else { return };
-        let head = Head { seq: frame.seq, lineage: self.output.lineage() };
-        let goes_on = journal.write(head, |entry, whole| self.stage.write_down(entry, whole));
-        self.reporter.journal_dropped = journal.dropped();
-        if !goes_on {
-            self.journal = None;
-            self.reporter.note("the journal has ended, see the log");
-        }
-    }
-
-    fn open_journal(&mut self, start: Start) -> Result<(), RunError> {
-        self.journal = self.place.as_ref().map(|place| Journal::open(place, start)).transpose()?;
-        Ok(())
-    }
-
-    /// Goes on where an instance was that has been killed, as far as it had written it down.
-    fn read_back(&mut self) -> Result<(), RunError> {
-        let Some(place) = &self.place else {
-            self.join.resume(None);
-            return Ok(());
-        };
-        let stage = &mut self.stage;
-        let read = journal::read_back(&place.folder, |entry| stage.read_back(entry))?;
-        self.join.resume(read.map(|read| read.head.seq));
-        let Some(read) = read else { return self.open_journal(Start::Empty) };
-        tracing::info!(frame = read.head.seq, "goes on from the journal");
-        self.output.go_on_with(Some(read.head.lineage));
-        (self.last_seq, self.read_back) = (Some(read.head.seq), true);
-        self.open_journal(Start::After(read))
-    }
-
-    fn end(&mut self) -> Result<(), RunError> {
-        self.stage.finish()?;
-        let state = if self.role.leads() { StageState::Finished } else { StageState::Shadow };
-        Ok(self.reporter.end(state, "")?)
-    }
-
-    /// Follows the routed instance by one frame, or takes over from it when it was followed to its end.
-    fn follow_next(&mut self) -> Result<bool, RunError> {
-        let Role::Follow(standby) = &mut self.role else { return Ok(false) };
-        // After its first frame, so that the map's stream has begun by then. From one that has died nothing more can be had.
-        let alone = standby.promotion.is_some_and(|promotion| promotion.alone);
-        if let (Some(checkpoints), Some(last), false) =
-            (&mut self.checkpoints, self.last_seq, standby.restored || alone)
-        {
-            match checkpoints.take() {
-                Some((seq, mut state)) if seq >= last => {
-                    self.stage.load_state(&mut state, seq)?;
-                    standby.restored = true;
-                }
-                _ => {
-                    checkpoints.ask()?;
-                    self.reporter.change(StageState::Following)?;
-                    self.join.limit(0);
-                    return Ok(false);
-                }
-            }
-        }
-        let Some((seq, stands_alone)) = standby.follower.front() else {
-            let promotion = standby.promotion;
-            self.join.limit(0);
-            return promotion.map_or(Ok(false), |promotion| self.take_over(promotion));
-        };
-        let stage = &mut self.stage;
-        let mut readiness = None;
-        let mut frame = None;
-        if !stands_alone {
-            self.join.limit(seq.saturating_add(1));
-            let follower = &standby.follower;
-            frame = self.join.next(&mut self.reporter, |input, frame, _| {
-                let routed = follower.first().filter(|_| frame.seq == seq);
-                readiness = Some(stage.follow(input, routed)?);
-                Ok::<FrameHeader, StageError>(*frame)
-            });
-        }
-        let handled = match frame.transpose()? {
-            Some(frame) => {
-                standby.ended |= frame.flags & frame_flags::END_OF_STREAM != 0;
-                frame.seq
-            }
-            None if stands_alone || self.join.front().is_some_and(|front| front > seq) => {
-                if let Some(routed) = standby.follower.first() {
-                    stage.adopt(routed)?;
-                }
-                seq
-            }
-            None => return Ok(false),
-        };
-        if handled == seq {
-            if let Some(routed) = standby.follower.first() {
-                self.output.note(&routed);
-            }
-            standby.follower.pop();
-        }
-        // What was missed has to be asked for again.
-        standby.restored &= self.last_seq.is_none_or(|last| handled <= last.saturating_add(1));
-        self.last_seq = Some(handled);
-        self.reporter.followed(handled);
-        if standby.shadow && readiness == Some(Readiness::Ready) {
-            return self.go_beside(handled);
-        }
-        match readiness {
-            Some(Readiness::Following) => self.reporter.change(StageState::Following)?,
-            Some(Readiness::Ready) => self.reporter.change(StageState::Ready)?,
-            None => {}
-        }
-        Ok(true)
-    }
-
-    /// From the next frame on it goes by itself.
-    fn go_beside(&mut self, last_seq: u64) -> Result<bool, RunError> {
-        self.role = Role::Shadow;
-        self.leads_from = last_seq.saturating_add(1);
-        self.join.limit(u64::MAX);
-        self.reporter.forget();
-        self.reporter.change(StageState::Shadow)?;
-        Ok(true)
-    }
-
-    fn take_over(&mut self, promotion: Promotion) -> Result<bool, RunError> {
-        let Role::Follow(standby) = std::mem::replace(&mut self.role, Role::Lead) else { return Ok(false) };
-        if promotion.alone && self.last_seq.is_none() {
-            self.read_back()?;
-        } else {
-            self.open_journal(Start::Whole)?;
-        }
-        self.leads_from = self.last_seq.map_or(0, |seq| seq.saturating_add(1));
-        if promotion.alone {
-            // Who was killed may have handed its last output to some of its readers only.
-            if let Some(routed) = standby.follower.last() {
-                self.output.repeat(routed)?;
-            }
-            if let (Some(ack), Some(seq)) = (&self.ack, self.last_seq) {
-                ack.send(seq, false)?;
-            }
-        } else {
-            self.leads_from = self.leads_from.max(promotion.from_seq);
-        }
-        self.join.limit(u64::MAX);
-        self.reporter.forget();
-        self.reporter.odometry = self.output.odometry();
-        self.reporter.change(StageState::Running)?;
-        self.ended = standby.ended;
-        if self.ended {
-            self.end()?;
-            if let (Some(ack), Some(seq)) = (&self.ack, self.last_seq) {
-                ack.send(seq, true)?;
-            }
-        }
-        Ok(true)
     }
 }

@@ -92,8 +92,8 @@ pub trait Stage: Sized {
         Ok(())
     }
 
-    /// Answers requests of other stages. Called after every frame and, while none comes, at least once a second, also after
-    /// the last one. Where nothing is asked for it neither allocates nor locks.
+    /// Answers requests of other stages. Called after every frame and, while none comes, at each request and at least once a second, also
+    /// after the last one. Where nothing is asked for it neither allocates nor locks.
     ///
     /// # Errors
     /// As `process`.

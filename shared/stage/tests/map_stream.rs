@@ -7,7 +7,7 @@ use common::building::{Copy, Mapper, walk};
 use common::{Bench, pose, publish_scan};
 use evac_frames::{TrackingState, map_flags};
 use evac_ports::services::{OdometryPose, ScanDeskewed, TruthPose};
-use evac_stage::joins::{JoinOptions, PlanJoin, SinkJoin};
+use evac_stage::joins::{Join as _, JoinOptions, PlanJoin, SinkJoin};
 
 struct Setup {
     bench: Bench,
@@ -107,10 +107,12 @@ fn a_reader_that_missed_key_frames_asks_again_and_ends_with_the_same_map() {
     setup.map(10..60);
     reader.handle(&mut setup);
     assert_eq!(reader.copy.seqs(), (0..10).collect::<Vec<_>>());
+    assert!(reader.join.waits());
     for seq in 60..70 {
         setup.map([seq]);
         reader.handle(&mut setup);
     }
+    assert!(!reader.join.waits());
     reader.assert_same(&setup);
     assert_eq!(reader.snapshots(), 1);
     // The changes of these are in the snapshot, and their frames are handed on before it.
@@ -302,6 +304,31 @@ fn updates_of_a_mapper_that_was_behind_find_their_scans_and_poses() {
     assert!(seen.iter().all(|(_, points, ..)| *points == 1), "{seen:?}");
     let input = setup.bench.reporter.input;
     assert_eq!((input.lost, input.late), (6, 0));
+}
+
+#[test]
+fn a_sink_that_goes_on_from_a_journal_finds_the_scans_before_the_first_update_that_it_heard() {
+    let mut setup = Setup::new();
+    let (scans, poses) = (setup.bench.frames::<ScanDeskewed>(), setup.bench.records::<OdometryPose>());
+    let step = |setup: &mut Setup, seq: u64| {
+        publish_scan(&scans, seq);
+        poses.publish(&walk(seq)).unwrap();
+        setup.map([seq]);
+    };
+    (0..9).for_each(|seq| step(&mut setup, seq));
+    // It was started in the place of one that had written down frames up to 4, and hears an update before it is told to lead.
+    let mut join: SinkJoin = setup.bench.join(JoinOptions::new(true, true));
+    step(&mut setup, 9);
+    join.take_in(&mut setup.bench.reporter).unwrap();
+    join.resume(Some(4));
+    join.take_in(&mut setup.bench.reporter).unwrap();
+    setup.mapper.idle();
+    let seen = sink_seen(&mut setup, &mut join);
+    let seqs: Vec<_> = seen.iter().map(|(seq, ..)| *seq).collect();
+    // The last one with the snapshot once more.
+    assert_eq!(seqs, [5, 6, 7, 8, 9, 9]);
+    assert!(seen[..5].iter().all(|(seq, points, x, ..)| (*points, *x) == (1, Some(*seq as f32))), "{seen:?}");
+    assert_eq!(setup.bench.reporter.input.late, 0);
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use evac_geometry::nalgebra::{Matrix3, Vector3};
 
+use super::drift::Piece;
 use super::sections::SectionId;
 
 /// Points before a plane is fitted.
@@ -51,6 +52,14 @@ impl Plane {
         let [_, u, v] = self.variances;
         1.0 + du * du / u + dv * dv / v
     }
+
+    /// How far the normal may truly be turned towards each of the two axes, along that axis (standard deviations, rad). What makes a surface
+    /// rough or uneven may as well be a step across the cell, to which the plane has fitted itself.
+    pub(crate) fn tilts(&self) -> [Vector3<f64>; 2] {
+        let [height, u, v] = self.variances;
+        let height = height / self.points + self.roughness;
+        [self.axis * (height / u).sqrt(), self.normal.cross(&self.axis) * (height / v).sqrt()]
+    }
 }
 
 /// A voxel of the map.
@@ -69,13 +78,16 @@ pub(crate) struct Cell {
     plane: Option<Plane>,
     /// Section of the map that it belongs to.
     pub(crate) section: SectionId,
+    /// Piece of ground that it belongs to.
+    pub(crate) piece: Piece,
 }
 
 impl Cell {
-    pub(crate) fn new(key: u64, frame: u32, section: SectionId) -> Self {
+    pub(crate) fn new(key: u64, frame: u32, section: SectionId, piece: Piece) -> Self {
         Self {
             key,
             section,
+            piece,
             last_used: frame,
             count: 0,
             fitted_at: 0,
@@ -161,7 +173,7 @@ mod tests {
 
     /// Points on a grid in the plane `z = slope * x`, alternately `thickness` above and below.
     fn sheet(slope: f64, thickness: f64) -> Cell {
-        let mut cell = Cell::new(1, 0, 0);
+        let mut cell = Cell::new(1, 0, 0, 0);
         for i in 0..400 {
             let (x, y) = (f64::from(i % 20) * 0.07, f64::from(i / 20) * 0.07);
             let side = if (i + i / 20) % 2 == 0 { thickness } else { -thickness };

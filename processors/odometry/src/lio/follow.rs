@@ -56,7 +56,7 @@ impl Standby for Lio {
         if let Some(filter) = &self.filter
             && (is_deskewed || !is_first)
         {
-            self.map.next_frame(filter.sections.current());
+            self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
             let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
             insert_all(&mut self.map, &map_from_lidar, self.points.iter().copied());
         }

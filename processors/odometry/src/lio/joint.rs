@@ -2,7 +2,7 @@
 
 use evac_geometry::nalgebra::{SMatrix, SVector};
 
-use super::correction::Information;
+use super::information::Information;
 use super::sections::PoseCovariance;
 use super::state::{Covariance, DIM, MEASURED, OWN, PLACES};
 

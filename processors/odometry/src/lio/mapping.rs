@@ -11,8 +11,9 @@ use super::state::{Covariance, State};
 
 /// A scan of which one point in so many sees no plane shows new ground.
 const NEW_GROUND_SHARE: usize = 10;
-/// A pose less certain than this is no place to lay new ground from as if it were exact, metres.
-const SECTION_SIGMA: f64 = 0.005;
+/// A pose less certain than this is no place to lay new ground from as if it were exact, metres. Below it the drift of new ground is
+/// counted ([`super::drift`]); from 5 mm on, halls were begun and returned to in every other frame.
+const SECTION_SIGMA: f64 = 0.01;
 /// One point in so many tells how far a scan sees.
 const RANGE_STRIDE: usize = 8;
 /// Scans farther apart than this have others missing between them, seconds.
@@ -95,8 +96,10 @@ impl Lio {
         if view > KNOWN_SHARE && filter.rotation_sigma() > MAX_ROTATION_SIGMA {
             return;
         }
+        let unseen = (report.selected - report.in_view) as f64 / report.selected.max(1) as f64;
+        filter.sections.lay(unseen, &filter.state, &filter.covariance);
         self.choose_section(filter, report);
-        self.map.next_frame(filter.sections.current());
+        self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
         self.insert_scan(filter);
     }
 
@@ -123,7 +126,7 @@ impl Lio {
         before: &State,
     ) -> TrackingState {
         filter.hold_speed(before, &self.config);
-        self.map.next_frame(filter.sections.current());
+        self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
         let scratch = settling.step(filter);
         if scratch != Scratch::Extend {
             self.map.clear();

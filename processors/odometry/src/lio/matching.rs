@@ -3,6 +3,7 @@
 use evac_geometry::nalgebra::{Isometry3, Point3, SVector, Vector3};
 
 use super::cell::POINT_FLOOR;
+use super::drift::Piece;
 use super::plane_map::{EDGES, PlaneMap};
 use super::sections::{PoseCovariance, SectionId, Sections};
 use super::state::{Covariance, State};
@@ -14,8 +15,7 @@ const MAX_LEVERAGE: f64 = 12.0;
 /// The wider the gate, the more planes a point might belong to (a door, the wall beside it): a plane is taken for uncertain by
 /// this share of the variance of the pose before the match, so that one false plane is not believed at once and for good.
 const DOUBT: f64 = 0.1;
-/// A rough surface seen from elsewhere shows other bumps: a cell has about so many of them, and their mean is an error
-/// that all its points share.
+/// A rough surface seen from elsewhere shows other bumps: a cell has about so many of them, and by their mean a point may be off.
 const BUMPS: f64 = 8.0;
 
 /// A selected point.
@@ -34,6 +34,8 @@ pub(crate) struct Match {
     pub(crate) section: SectionId,
     /// Index of the plane's cell: matches of one cell share that plane's error.
     pub(crate) cell: usize,
+    /// Piece of ground that the cell belongs to.
+    pub(crate) piece: Piece,
     /// Number of the point among those selected.
     order: u32,
     /// In the IMU frame.
@@ -45,8 +47,11 @@ pub(crate) struct Match {
     /// Variance of the point along the normal, the gate's floor included: far off as yet, a point must not count as an
     /// outlier.
     pub(crate) point_variance: f64,
-    /// Variance of the plane at the point.
+    /// Variance of the plane at the point, as far as its points share it. Scans that follow each other see the same bumps
+    /// of a rough surface: these do not average out, so the whole roughness counts.
     pub(crate) plane_variance: f64,
+    /// See [`Plane::tilts`](super::cell::Plane::tilts).
+    pub(crate) tilts: [Vector3<f64>; 2],
 }
 
 /// What is matched with.
@@ -115,9 +120,9 @@ pub(crate) fn associate(
             seen = true;
             let residual = plane.distance(&point);
             let incidence = beam.dot(&plane.normal);
-            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR + plane.roughness * 1.0;
-            let plane_variance = plane.variances[0] / plane.points * leverage + plane.roughness / BUMPS;
-            let total = point_variance + plane_variance;
+            let point_variance = (range_noise * incidence).powi(2) + POINT_FLOOR + plane.roughness;
+            let fit_variance = plane.variances[0] / plane.points * leverage;
+            let total = point_variance + fit_variance + plane.roughness / BUMPS;
             if best.as_ref().is_some_and(|(least, _)| *least <= total) {
                 continue;
             }
@@ -130,12 +135,14 @@ pub(crate) fn associate(
                 let matched = Match {
                     section: cell.section,
                     cell: index,
+                    piece: cell.piece,
                     order,
                     point: candidate.point,
                     normal: plane.normal,
                     offset: plane.normal.dot(&plane.centroid),
                     point_variance: point_variance + gate_floor * gate_floor,
-                    plane_variance: plane_variance + pose_variance * DOUBT,
+                    plane_variance: fit_variance + plane.roughness + pose_variance * DOUBT,
+                    tilts: plane.tilts(),
                 };
                 best = Some((total, matched));
                 // Nothing finer is better than a large smooth plane.

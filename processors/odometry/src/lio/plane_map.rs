@@ -3,6 +3,7 @@
 use evac_geometry::nalgebra::Vector3;
 
 use super::cell::Cell;
+use super::drift::Piece;
 use super::sections::SectionId;
 
 /// Edges of the levels, metres, coarse to fine. Large planes with thousands of hits come first in the match: their
@@ -26,6 +27,7 @@ pub(crate) struct PlaneMap {
     hand: usize,
     frame: u32,
     section: SectionId,
+    piece: Piece,
     /// Key and index that each level used last: neighbouring points mostly share a coarse voxel.
     recent: [(u64, usize); EDGES.len()],
     /// Cells given up to stay below the ceiling.
@@ -45,6 +47,7 @@ impl PlaneMap {
             hand: 0,
             frame: 0,
             section: 0,
+            piece: 0,
             recent: [(EMPTY, 0); EDGES.len()],
             evicted: 0,
         }
@@ -58,9 +61,9 @@ impl PlaneMap {
         self.hand = 0;
     }
 
-    /// Counts a frame, for the age of cells; cells that it creates belong to `section`.
-    pub(crate) fn next_frame(&mut self, section: SectionId) {
-        self.section = section;
+    /// Counts a frame, for the age of cells; cells that it creates belong to `section` and `piece`.
+    pub(crate) fn next_frame(&mut self, section: SectionId, piece: Piece) {
+        (self.section, self.piece) = (section, piece);
         self.frame = self.frame.saturating_add(1);
     }
 
@@ -112,12 +115,12 @@ impl PlaneMap {
             return self.slots[slot][1] as usize;
         }
         if self.cells.len() < self.max_cells {
-            self.cells.push(Cell::new(key, self.frame, self.section));
+            self.cells.push(Cell::new(key, self.frame, self.section, self.piece));
             self.slots[slot] = [key, self.cells.len() as u64 - 1];
             return self.cells.len() - 1;
         }
         let index = self.evict();
-        self.cells[index] = Cell::new(key, self.frame, self.section);
+        self.cells[index] = Cell::new(key, self.frame, self.section, self.piece);
         let slot = self.slot_of(key);
         self.slots[slot] = [key, index as u64];
         index
@@ -191,7 +194,7 @@ mod tests {
     fn a_full_map_stays_within_its_ceiling_and_finds_all_that_it_holds() {
         let mut map = PlaneMap::new(4096, 0.02);
         for frame in 0..60 {
-            map.next_frame(0);
+            map.next_frame(0, 0);
             for i in 0..200 {
                 map.insert(
                     &Vector3::new(f64::from(frame) * 0.9, f64::from(i) * 0.31 - 30.0, 0.05),
@@ -218,7 +221,7 @@ mod tests {
         let start = Vector3::new(0.1, 0.1, 0.1);
         map.insert(&start, &Vector3::x());
         for i in 0..20_000 {
-            map.next_frame(0);
+            map.next_frame(0, 0);
             map.insert(&Vector3::new(10.0 + f64::from(i), 0.0, 0.0), &Vector3::x());
         }
         assert!(map.find(0, &start).is_some());

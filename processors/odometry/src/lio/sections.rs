@@ -17,6 +17,7 @@
 use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix};
 use evac_geometry::skew;
 
+use super::drift::Drift;
 use super::state::{CLONES, Covariance, State, add_variance, at};
 
 /// Covariance of a pose error: rotation (IMU frame), position. Of a section's place: rotation (map axes), displacement.
@@ -37,6 +38,8 @@ pub(crate) struct Sections {
     known: Vec<Section>,
     current: SectionId,
     next: SectionId,
+    /// What new ground adds within sections.
+    pub(crate) drift: Drift,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -58,7 +61,8 @@ impl Section {
 
 impl Sections {
     pub(crate) fn new() -> Self {
-        let mut sections = Self { known: Vec::with_capacity(MAX_SECTIONS), current: ORIGIN, next: 0 };
+        let mut sections =
+            Self { known: Vec::with_capacity(MAX_SECTIONS), current: ORIGIN, next: 0, drift: Drift::new() };
         sections.clear();
         sections
     }
@@ -68,6 +72,7 @@ impl Sections {
         self.known.clear();
         self.known.push(Section::here(ORIGIN));
         (self.current, self.next) = (ORIGIN, 1);
+        self.drift.clear();
     }
 
     /// The section that errors are counted relative to and new cells belong to.
@@ -114,6 +119,18 @@ impl Sections {
 
     /// Covariance of the pose relative to the map's origin.
     pub(crate) fn origin_covariance(&self, state: &State, covariance: &Covariance) -> PoseCovariance {
+        let map = pose_by_offset(state);
+        self.covariance_by_places(state, covariance) + map * self.drift.of_view() * map.transpose()
+    }
+
+    /// Counts ground of which the share `unseen` of a scan sees nothing known; it is laid from the present pose.
+    pub(crate) fn lay(&mut self, unseen: f64, state: &State, covariance: &Covariance) {
+        let map = offset_by_pose(state);
+        self.drift.lay(unseen, &(map * covariance.fixed_view::<6, 6>(0, 0) * map.transpose()));
+    }
+
+    /// The same without what has drifted within sections.
+    fn covariance_by_places(&self, state: &State, covariance: &Covariance) -> PoseCovariance {
         let place = self.pose_covariance(ORIGIN, state, covariance);
         let pose = covariance.fixed_view::<6, 6>(0, 0) + place;
         let Some(slot) = self.section(ORIGIN).slot else { return pose };

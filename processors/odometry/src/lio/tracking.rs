@@ -63,6 +63,7 @@ impl Lio {
             }
         }
         filter.observe(&report);
+        filter.sections.drift.look(self.matches.iter().map(|matched| matched.piece));
         if !filter.is_finite() {
             (filter.state, filter.covariance) = before;
             filter.loosen();

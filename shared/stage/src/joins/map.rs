@@ -121,6 +121,12 @@ impl MapStream {
             .map(|asked_ns| asked_ns.saturating_add(RESUME_AGAIN_NS).max(now_ns()))
     }
 
+    /// Whether a snapshot is awaited.
+    pub(crate) fn waits(&self) -> bool {
+        let has_snapshot = self.held.front().is_some_and(MapSample::is_snapshot);
+        !has_snapshot && (self.resuming.is_some() || !self.is_in_step())
+    }
+
     pub(crate) fn route(&mut self, route: &Route) {
         self.updates.route(route);
     }

@@ -70,6 +70,11 @@ pub trait Join: Sized {
     /// This instance leads in the place of one that was killed, which had written down all up to frame `after`.
     fn resume(&mut self, _after: Option<u64>) {}
 
+    /// Whether it waits for what it has asked another stage for, so that what comes meanwhile is no sign that this one hangs.
+    fn waits(&self) -> bool {
+        false
+    }
+
     /// Number of the first set that is not handed on yet, whole or not.
     fn front(&self) -> Option<u64>;
 

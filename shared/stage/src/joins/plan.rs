@@ -49,6 +49,10 @@ impl Join for PlanJoin {
         self.map.limit(seq);
     }
 
+    fn waits(&self) -> bool {
+        self.map.waits()
+    }
+
     fn front(&self) -> Option<u64> {
         self.map.front().map(MapSample::seq)
     }

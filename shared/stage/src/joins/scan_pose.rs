@@ -13,8 +13,8 @@ use crate::{InputCounters, Reporter, ScanWithPose};
 /// Time after which the scan of a pose will not come any more, nanoseconds.
 const SCAN_COMES_NS: i64 = 500_000_000;
 
-/// Time between two looks for it, nanoseconds.
-const LOOK_AGAIN_NS: i64 = 500_000;
+/// Shortest and longest time between two looks for it, nanoseconds.
+const LOOK_AGAIN_NS: (i64, i64) = (500_000, 16_000_000);
 
 /// Joins deskewed scans with the poses of the same sequence number.
 #[derive(Debug)]
@@ -101,12 +101,15 @@ impl Join for ScanPoseJoin {
         Some(process(input, &pose.frame, reporter))
     }
 
-    /// Looks again soon while a pose is here and its scan is not: the deskewer has handed it to the odometry, but to this stage not yet.
+    /// Looks again while a pose is here and its scan is not: the deskewer has handed it to the odometry, but to this stage not yet. Soon
+    /// at first, then after as long again as it has waited: mostly the deskewer has lost its core for a moment, now and then its life.
     fn deadline_ns(&self) -> Option<i64> {
         let pose = self.waiting.back()?;
         let is_ahead = self.newest_scan.is_none_or(|newest| pose.frame.seq > newest);
         let now = now_ns();
-        (is_ahead && now < self.pose_came_ns.saturating_add(SCAN_COMES_NS)).then_some(now + LOOK_AGAIN_NS)
+        let waited_ns = now.saturating_sub(self.pose_came_ns);
+        let (soonest, latest) = LOOK_AGAIN_NS;
+        (is_ahead && waited_ns < SCAN_COMES_NS).then(|| now + waited_ns.clamp(soonest, latest))
     }
 }
 

@@ -62,6 +62,10 @@ impl Join for SinkJoin {
         self.map.limit(seq);
     }
 
+    fn waits(&self) -> bool {
+        self.map.waits()
+    }
+
     fn front(&self) -> Option<u64> {
         self.map.front().map(MapSample::seq)
     }
@@ -143,13 +147,16 @@ impl Join for SinkJoin {
 }
 
 impl SinkJoin {
-    /// Takes scans as far as there is room; those that no update will come for make some.
+    /// Takes scans as far as there is room; where there is none, those that no update will come for make some. Not before: they may still
+    /// be wanted, where this instance is about to go on from the journal of one that was killed.
     fn take_scans(&mut self) -> Result<(), PortError> {
         let first = self.salvage.first(&self.map).unwrap_or(0);
         loop {
-            self.pass_scans(first);
             if self.held.len() == MAX_HELD {
-                return Ok(());
+                if self.held.front().is_none_or(|scan| scan.header().frame.seq >= first) {
+                    return Ok(());
+                }
+                self.held.pop_front();
             }
             // What is missing is counted where it would have been joined.
             let Some(scan) = self.scans.receive(&mut InputCounters::default())? else { return Ok(()) };
