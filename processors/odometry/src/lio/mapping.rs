@@ -9,11 +9,11 @@ use super::settling::{Scratch, Settling};
 use super::stage::{Lio, insert_all};
 use super::state::{Covariance, State};
 
-/// A scan of which one point in so many sees no plane shows new ground.
-const NEW_GROUND_SHARE: usize = 10;
 /// A pose less certain than this is no place to lay new ground from as if it were exact, metres. Below it the drift of new ground is
 /// counted ([`super::drift`]); from 5 mm on, halls were begun and returned to in every other frame.
 const SECTION_SIGMA: f64 = 0.01;
+/// ... if a tenth of the scan sees new ground, or less of it from a pose that is less certain: the share times that, metres.
+const NEW_GROUND: f64 = 0.001;
 /// One point in so many tells how far a scan sees.
 const RANGE_STRIDE: usize = 8;
 /// Scans farther apart than this have others missing between them, seconds.
@@ -98,21 +98,21 @@ impl Lio {
         }
         let unseen = (report.selected - report.in_view) as f64 / report.selected.max(1) as f64;
         filter.sections.lay(unseen, &filter.state, &filter.covariance);
-        self.choose_section(filter, report);
+        self.choose_section(filter, report, unseen);
         self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
         self.insert_scan(filter);
     }
 
     /// Whether the scan goes into the section that the pose is in, into a new one or back into an old one.
-    fn choose_section(&mut self, filter: &mut Filter, report: &Report) {
+    fn choose_section(&mut self, filter: &mut Filter, report: &Report, unseen: f64) {
         if let Some(id) = report.anchor {
             filter.sections.return_to(id, &mut filter.state, &mut filter.covariance);
             filter.returning = RETURNING_FRAMES;
             self.diagnostics.sections_returned_to += 1;
             return;
         }
-        let unseen = report.selected - report.in_view;
-        if unseen * NEW_GROUND_SHARE > report.selected && filter.position_sigma() > SECTION_SIGMA {
+        let sigma = filter.position_sigma();
+        if sigma > SECTION_SIGMA && unseen * sigma > NEW_GROUND {
             filter.sections.begin(&mut filter.state, &mut filter.covariance);
             self.diagnostics.sections_begun += 1;
         }

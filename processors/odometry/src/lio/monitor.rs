@@ -26,14 +26,6 @@ const BLOCKED_SHARE: f64 = 0.4;
 const NEAR_SHARE: f64 = 0.6;
 /// Longest time that the IMU alone is gone by.
 const BLOCKED_FRAMES: u32 = 50;
-/// Of what sees planes usually nearly all fits. A map that is laid along a false way agrees with itself somewhat, and no single frame gives
-/// that away: but not for seconds does less than so much of the usual fit, by means over about 1 s and 5 s of good frames.
-const POOR_FIT: f64 = 0.6;
-/// What fits less than so much of the usual does not become usual.
-const USUAL_FIT: f64 = 0.75;
-const FIT_MEMORY: f64 = 0.1;
-const USUAL_FIT_MEMORY: f64 = 0.02;
-const POOR_FRAMES: u32 = 10;
 /// Share of the selected points that must see planes before a bad match counts.
 const VIEW_SHARE: f64 = 0.3;
 /// Signs of a recovery.
@@ -91,10 +83,6 @@ pub(crate) struct Monitor {
     recent_share: f64,
     /// Mean range of good frames, metres.
     usual_range_m: f64,
-    /// Mean share of what is in view that is used, lately and in good frames.
-    fit: f64,
-    usual_fit: f64,
-    frames_poor: u32,
     weak: u32,
     frames_blocked: u32,
     lost: bool,
@@ -160,11 +148,7 @@ impl Monitor {
         let sudden = !expected.after_gap && !unblocked && report.selected > 100 && fall < SUDDEN_SHARE;
         let weak = sudden || viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
-        if viewed {
-            self.take_fit(share);
-        }
-        let is_poor = self.frames_poor >= POOR_FRAMES;
-        if self.weak >= WEAK_FRAMES || is_poor || self.nis > LOST_NIS || !possible {
+        if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
             *self = Self { lost: true, ..self.usual() };
             return Verdict::JustLost;
         }
@@ -177,27 +161,9 @@ impl Monitor {
         Verdict::Good
     }
 
-    /// Takes the share of what is in view that fits.
-    fn take_fit(&mut self, share: f64) {
-        if self.usual_fit == 0.0 {
-            (self.fit, self.usual_fit) = (share, share);
-        }
-        self.fit += FIT_MEMORY * (share - self.fit);
-        self.frames_poor = if self.fit < POOR_FIT * self.usual_fit { self.frames_poor + 1 } else { 0 };
-        if self.fit > USUAL_FIT * self.usual_fit {
-            self.usual_fit += USUAL_FIT_MEMORY * (share - self.usual_fit);
-        }
-    }
-
     /// What is remembered beyond a loss.
     fn usual(&self) -> Self {
-        Self {
-            usual_share: self.usual_share,
-            usual_range_m: self.usual_range_m,
-            fit: self.usual_fit,
-            usual_fit: self.usual_fit,
-            ..Self::default()
-        }
+        Self { usual_share: self.usual_share, usual_range_m: self.usual_range_m, ..Self::default() }
     }
 
     fn while_lost(&mut self, good: bool) -> Verdict {
@@ -306,26 +272,6 @@ mod tests {
         assert_eq!(monitor.noise_factor(), 1.0);
         monitor.judge(&report(2300, 0.9, 3.0), Expected::default(), &standing(), &config);
         assert!((monitor.noise_factor() - 16.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_map_that_agrees_with_itself_only_somewhat_for_seconds_is_a_false_one() {
-        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
-        let mut judge =
-            |used: usize| monitor.judge(&report(used, 0.9, 0.05), Expected::default(), &standing(), &config);
-        assert!((0..50).all(|_| judge(2300) == Verdict::Good));
-        // People who walk past hide a good part of the view, but not for long.
-        assert!((0..8).all(|_| judge(900) == Verdict::Good));
-        assert!((0..50).all(|_| judge(2300) == Verdict::Good));
-        assert!((0..50).any(|_| judge(900) == Verdict::JustLost));
-    }
-
-    #[test]
-    fn a_hall_in_which_a_third_never_fits_is_no_loss() {
-        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
-        let mut judge =
-            |used: usize| monitor.judge(&report(used, 0.9, 0.05), Expected::default(), &standing(), &config);
-        assert!((0..600).all(|k| judge(if k % 2 == 0 { 1500 } else { 1700 }) == Verdict::Good));
     }
 
     #[test]
