@@ -16,7 +16,7 @@ const CAUCHY_SQUARED: f64 = 4.0;
 /// Common error of a plane that its fit does not show: the pose it was built from, metres.
 const PLANE_FLOOR: f64 = 0.003;
 /// The tilt of a rough plane is the same in scan after scan, as long as the plane is in view: what it makes of a direction counts so many
-/// times. 1 and 10 were little different from it (docs/odometry.md).
+/// times. 1 was little different from it (docs/odometry.md).
 const TILT_WEIGHT: f64 = 3.0;
 /// Directions that a blank wall leaves open.
 const BLANK: usize = 2;
