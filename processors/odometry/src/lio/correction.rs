@@ -7,7 +7,8 @@ use super::deskew::Twist;
 use super::information::{Information, sum_of};
 use super::joint::{Joint, SEEN, seen_columns, seen_rows};
 use super::matching::{Known, Match, Search, Selected, associate};
-use super::sections::{PoseCovariance, SectionId, Sections, pose_by_offset};
+use super::offset::{PoseCovariance, pose_by_offset};
+use super::sections::{SectionId, Sections};
 use super::state::{Covariance, Error, State, at};
 
 /// An older section must have one match in so many to be returned to.

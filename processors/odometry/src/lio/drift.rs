@@ -7,7 +7,7 @@
 //! view then, and as the pose against that. The pose is published with the uncertainty against what is in view and that of what is
 //! in view against the origin, which on old ground is again what it was there.
 
-use super::sections::PoseCovariance;
+use super::offset::PoseCovariance;
 
 /// Share of a view that is new before it counts as a piece of its own.
 const PIECE: f64 = 0.1;

@@ -9,8 +9,9 @@ use super::correction::Report;
 use super::degeneracy::Degeneracy;
 use super::initialisation::{Start, upright};
 use super::monitor::Monitor;
+use super::offset::PoseCovariance;
 use super::report::{lidar_covariance, pose_frame, sigma_us, waiting_frame};
-use super::sections::{PoseCovariance, Sections};
+use super::sections::Sections;
 use super::settling::Settling;
 use super::state::{Covariance, DIM, MOVING, State, add_variance, at, copy_places};
 

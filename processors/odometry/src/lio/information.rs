@@ -5,7 +5,8 @@ use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use super::degeneracy::{Degeneracy, OBSERVED};
 use super::deskew::Twist;
 use super::matching::{Match, pose_row};
-use super::sections::{PoseCovariance, SectionId};
+use super::offset::PoseCovariance;
+use super::sections::SectionId;
 use super::state::{MEASURED, State, at};
 
 /// Points of a frame are not independent (shared beam, time and surface errors): variance times this. Chosen

@@ -3,7 +3,7 @@
 use evac_geometry::nalgebra::{SMatrix, SVector};
 
 use super::information::Information;
-use super::sections::PoseCovariance;
+use super::offset::PoseCovariance;
 use super::state::{Covariance, DIM, MEASURED, OWN, PLACES};
 
 /// Dimension of what is seen: the measured part of the filter's own error, and the places.

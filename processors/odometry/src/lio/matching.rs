@@ -4,8 +4,9 @@ use evac_geometry::nalgebra::{Isometry3, Point3, SVector, Vector3};
 
 use super::cell::POINT_FLOOR;
 use super::drift::Piece;
+use super::offset::PoseCovariance;
 use super::plane_map::{EDGES, PlaneMap};
-use super::sections::{PoseCovariance, SectionId, Sections};
+use super::sections::{SectionId, Sections};
 use super::state::{Covariance, State};
 
 /// Gate on the residual in standard deviations, squared.

@@ -27,6 +27,7 @@ mod joint;
 mod mapping;
 mod matching;
 mod monitor;
+mod offset;
 mod offset_search;
 mod orientation;
 mod plane_map;

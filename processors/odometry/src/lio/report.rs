@@ -5,7 +5,7 @@ use evac_geometry::nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use evac_geometry::{set_map_from_imu, set_map_from_lidar, skew};
 
 use super::degeneracy::Degeneracy;
-use super::sections::PoseCovariance;
+use super::offset::PoseCovariance;
 use super::state::State;
 
 /// Observed errors are 1.5 to 2.5 of the filter's own standard deviations (design section 5.7): twice is published.

@@ -14,14 +14,12 @@
 //! stretch, and where gravity is not where the map has it, the section is tilted. The published pose is the one relative to the first
 //! section. Of older sections the place is kept as it was known last.
 
-use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix};
+use evac_geometry::nalgebra::Isometry3;
 use evac_geometry::skew;
 
 use super::drift::Drift;
+use super::offset::{PoseCovariance, offset_by_pose, pose_by_offset};
 use super::state::{CLONES, Covariance, State, add_variance, at};
-
-/// Covariance of a pose error: rotation (IMU frame), position. Of a section's place: rotation (map axes), displacement.
-pub(crate) type PoseCovariance = SMatrix<f64, 6, 6>;
 
 /// Sections that are told apart; beyond them the oldest but the first are merged.
 pub(crate) const MAX_SECTIONS: usize = 64;
@@ -276,33 +274,13 @@ fn set_zero(covariance: &mut Covariance, slot: usize) {
     covariance.fixed_columns_mut::<6>(at::clone(slot)).fill(0.0);
 }
 
-/// The pose error that a displacement of the map looks like from the present pose.
-pub(crate) fn pose_by_offset(state: &State) -> PoseCovariance {
-    let mut map = PoseCovariance::zeros();
-    let imu_from_map = state.rotation.inverse().to_rotation_matrix();
-    map.fixed_view_mut::<3, 3>(0, 0).copy_from(imu_from_map.matrix());
-    map.fixed_view_mut::<3, 3>(3, 0).copy_from(&-skew(&state.position));
-    map.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());
-    map
-}
-
-/// The inverse of [`pose_by_offset`].
-fn offset_by_pose(state: &State) -> PoseCovariance {
-    let rotation = state.rotation.to_rotation_matrix();
-    let mut map = PoseCovariance::zeros();
-    map.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation.matrix());
-    map.fixed_view_mut::<3, 3>(3, 0).copy_from(&(skew(&state.position) * rotation.matrix()));
-    map.fixed_view_mut::<3, 3>(3, 3).copy_from(&Matrix3::identity());
-    map
-}
-
 /// What is exact by definition is so up to the blur of the scans that the section is laid from, rad and m.
 const EXACT_ROTATION: f64 = 3e-4;
 const EXACT_POSITION: f64 = 2e-3;
 
 #[cfg(test)]
 mod tests {
-    use evac_geometry::nalgebra::Vector3;
+    use evac_geometry::nalgebra::{Matrix3, Vector3};
     use evac_geometry::{exp_so3, log_so3};
 
     use super::super::state::add_variance;
