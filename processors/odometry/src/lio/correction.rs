@@ -8,7 +8,7 @@ use super::information::{Information, sum_of};
 use super::joint::{Joint, SEEN, seen_columns, seen_rows};
 use super::matching::{Known, Match, Search, Selected, associate};
 use super::offset::{PoseCovariance, pose_by_offset};
-use super::sections::{SectionId, Sections};
+use super::sections::SectionId;
 use super::state::{Covariance, Error, State, at};
 
 /// An older section must have one match in so many to be returned to.
@@ -101,7 +101,7 @@ pub(crate) fn correct(
             };
             report.in_view = associate(known, selected, &here, &search, matches);
         }
-        let (mut information, mut joint) = accumulate(matches, &here, covariance, twist, known.sections);
+        let (mut information, mut joint) = accumulate(known, matches, &here, covariance, twist);
         if is_dark {
             information.cut();
             // What was cut must not be laid to the sections' places either.
@@ -136,17 +136,18 @@ pub(crate) fn correct(
 /// Sums the matches: each section's sum scaled down by the uncertainty of its place against the present one, and the same with the places
 /// as unknowns where they are known well enough.
 fn accumulate(
+    known: &Known<'_>,
     matches: &[Match],
     state: &State,
     covariance: &Covariance,
     twist: &Twist,
-    sections: &Sections,
 ) -> (Information, Joint) {
+    let sections = known.sections;
     let (mut total, mut joint) = (Information::default(), Joint::default());
     let by_offset = pose_by_offset(state);
     for section in matches.chunk_by(|a, b| a.section == b.section) {
         let Some(id) = section.first().map(|matched| matched.section) else { continue };
-        let sum = sum_of(section, &state.moved(&sections.place(id, state).inverse()), twist);
+        let sum = sum_of(known.map, section, &state.moved(&sections.place(id, state).inverse()), twist);
         let is_anchor = sections.is_left(id) && id < sections.current() && sum.observes_position();
         if is_anchor && section.len() * ANCHOR_SHARE > matches.len() {
             total.anchor = total.anchor.or(Some(id));
@@ -195,6 +196,7 @@ mod tests {
     use super::super::degeneracy::Degeneracy;
     use super::super::matching::select;
     use super::super::plane_map::PlaneMap;
+    use super::super::sections::Sections;
     use super::super::state::add_variance;
     use super::*;
 

@@ -2,10 +2,12 @@
 
 use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use super::cell::Plane;
 use super::degeneracy::{Degeneracy, OBSERVED};
 use super::deskew::Twist;
 use super::matching::{Match, pose_row};
 use super::offset::PoseCovariance;
+use super::plane_map::PlaneMap;
 use super::sections::SectionId;
 use super::state::{MEASURED, State, at};
 
@@ -45,7 +47,7 @@ pub(crate) type Measured = SMatrix<f64, MEASURED, MEASURED>;
 ///
 /// What the tilts of planes may make of a direction is not believed of it: before an uneven wall two planes that differ by a few degrees
 /// would show, frame after frame, the same little false motion along it.
-pub(crate) fn sum_of(matches: &[Match], state: &State, twist: &Twist) -> Information {
+pub(crate) fn sum_of(map: &PlaneMap, matches: &[Match], state: &State, twist: &Twist) -> Information {
     let rotation = state.rotation.to_rotation_matrix();
     let mut total = Information::default();
     let (mut turned, mut moved) = (Matrix3::zeros(), Matrix3::zeros());
@@ -75,7 +77,9 @@ pub(crate) fn sum_of(matches: &[Match], state: &State, twist: &Twist) -> Informa
         let scale = 1.0 / (1.0 + shared);
         total.matrix += matrix * scale;
         total.vector += vector * scale;
-        for tilt in cell.first().map(|matched| matched.tilts).into_iter().flatten() {
+        for tilt in
+            cell.first().and_then(|matched| map.plane(matched.cell)).map(Plane::tilts).into_iter().flatten()
+        {
             let row = pose_row(&rotation.inverse_transform_vector(&tilt), &tilt, &(centre / weights));
             let (turn, shift) = (row.fixed_rows::<3>(at::ROTATION), row.fixed_rows::<3>(at::POSITION));
             turned += turn * turn.transpose() * (weights * scale * TILT_WEIGHT);

@@ -51,8 +51,6 @@ pub(crate) struct Match {
     /// Variance of the plane at the point, as far as its points share it. Scans that follow each other see the same bumps
     /// of a rough surface: these do not average out, so the whole roughness counts.
     pub(crate) plane_variance: f64,
-    /// See [`Plane::tilts`](super::cell::Plane::tilts).
-    pub(crate) tilts: [Vector3<f64>; 2],
 }
 
 /// What is matched with.
@@ -143,7 +141,6 @@ pub(crate) fn associate(
                     offset: plane.normal.dot(&plane.centroid),
                     point_variance: point_variance + gate_floor * gate_floor,
                     plane_variance: fit_variance + plane.roughness + pose_variance * DOUBT,
-                    tilts: plane.tilts(),
                 };
                 best = Some((total, matched));
                 // Nothing finer is better than a large smooth plane.

@@ -2,7 +2,7 @@
 
 use evac_geometry::nalgebra::Vector3;
 
-use super::cell::Cell;
+use super::cell::{Cell, Plane};
 use super::drift::Piece;
 use super::sections::SectionId;
 
@@ -98,6 +98,11 @@ impl PlaneMap {
         }
         let index = slot[1] as usize;
         Some((index, self.cells.get(index)?))
+    }
+
+    /// The plane of the cell with this index.
+    pub(crate) fn plane(&self, index: usize) -> Option<&Plane> {
+        self.cells.get(index)?.plane()
     }
 
     /// The slot that holds `key`, or the free slot where it belongs.
