@@ -47,18 +47,12 @@ impl MapOutput {
         len: usize,
         fill: impl FnMut(usize) -> Voxel,
     ) -> Result<(), StageError> {
-        let mut header = *header;
-        header.voxels = len as u32;
-        header.map_epoch = self.lineage();
+        let header = MapHeader { voxels: len as u32, map_epoch: self.lineage(), ..*header };
         let Some(port) = &self.port else {
             keep(&mut self.memory, self.newest_only, header, len, fill);
             return Ok(());
         };
-        let finish = || {
-            stamp(&mut header.frame, port.epoch);
-            header
-        };
-        port.updates.publish(len, fill, finish).map_err(failed)
+        port.updates.publish(len, fill, || stamped(header, port.epoch)).map_err(failed)
     }
 
     /// Whether a late joiner has asked for a snapshot since the last call.
@@ -79,19 +73,19 @@ impl MapOutput {
         len: usize,
         fill: impl FnMut(usize) -> Voxel,
     ) -> Result<(), StageError> {
-        let mut header = *header;
-        header.voxels = len as u32;
-        header.map_epoch = self.lineage();
+        let header = MapHeader { voxels: len as u32, map_epoch: self.lineage(), ..*header };
         let Some(port) = &self.port else {
             keep(&mut self.snapshots, self.newest_only, header, len, fill);
             return Ok(());
         };
-        let finish = || {
-            stamp(&mut header.frame, port.epoch);
-            header
-        };
-        port.snapshots.publish(len, fill, finish).map_err(failed)
+        port.snapshots.publish(len, fill, || stamped(header, port.epoch)).map_err(failed)
     }
+}
+
+/// The header with the sender and the time of sending.
+fn stamped(mut header: MapHeader, epoch: u32) -> MapHeader {
+    stamp(&mut header.frame, epoch);
+    header
 }
 
 impl StageOutput for MapOutput {
