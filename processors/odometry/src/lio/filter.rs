@@ -35,6 +35,12 @@ const RESTART_POSITION: f64 = 1.0;
 const RESTART_ROTATION: f64 = 0.1;
 /// Velocity of a rig at rest, m/s (standard deviation).
 const REST_VELOCITY: f64 = 0.01;
+/// As above for a rig that is slow: at least so much, and so many times the speed that it seems to have. Chosen among 1, 2
+/// and 3 on series 6 and 7 (docs/odometry.md).
+const SLOW_VELOCITY: f64 = 0.03;
+const SLOW_SIGMAS: f64 = 2.0;
+/// A velocity that is known to this shows whether a rig is slow, m/s (standard deviation).
+const KNOWN_VELOCITY: f64 = 0.1;
 /// Blur of a map that is begun in motion, rad and m.
 const MOVING_ROTATION: f64 = 1e-3;
 const MOVING_POSITION: f64 = 5e-3;
@@ -228,6 +234,15 @@ impl Filter {
     /// Zero-velocity update of a rig at rest: before a blank wall nothing else keeps it from gliding along.
     pub(crate) fn rest(&mut self) {
         self.expect_velocity(REST_VELOCITY);
+    }
+
+    /// Whoever is carried as slowly as this turns on the spot, is about to stand or has just stood: the velocity is zero, give or take
+    /// what it seems to be. Next to nothing for a velocity that is seen; before a blank wall, where corners are taken, it says what
+    /// nothing else does. A velocity that is not known may seem slow by accident.
+    pub(crate) fn slow_down(&mut self) {
+        if self.velocity_sigma() < KNOWN_VELOCITY {
+            self.expect_velocity((SLOW_SIGMAS * self.state.velocity.norm()).max(SLOW_VELOCITY));
+        }
     }
 
     /// Takes the velocity for zero, give or take `sigma` m/s.

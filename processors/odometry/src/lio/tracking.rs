@@ -22,8 +22,9 @@ const LOST_GATE: &[f64] = &[0.3, 0.2, 0.1, 0.05, 0.02, 0.01];
 /// motion shows here before the detector believes it.
 const REST_ACCEL: f64 = 0.04;
 const REST_RATE: f64 = 0.003;
-/// A steady glide looks like rest to an IMU; a filter that knows of one is not stopped, m/s.
-const REST_SPEED: f64 = 0.1;
+/// Below it a rig stands, turns on the spot or is about to, m/s. A steady glide looks like rest to an IMU; a filter that knows of one
+/// is not stopped.
+const SLOW_SPEED: f64 = 0.1;
 /// Times that a scan is matched again which the IMU did not cover.
 const LED_ROUNDS: u32 = 2;
 
@@ -144,9 +145,13 @@ impl Lio {
         self.track.forget_before(end_ns - MAX_TIME_OFFSET_NS);
         // Before the map frame is fixed a standstill makes a start of its own.
         let is_slow =
-            filter.settling.map_or(filter.state.velocity.norm() < REST_SPEED, |settling| !settling.starting);
-        if at_rest && is_slow && !self.glides && !filter.monitor.is_lost() {
-            filter.rest();
+            filter.settling.map_or(filter.state.velocity.norm() < SLOW_SPEED, |settling| !settling.starting);
+        if is_slow && !self.glides && !filter.monitor.is_lost() {
+            if at_rest {
+                filter.rest();
+            } else {
+                filter.slow_down();
+            }
         }
         bridged.blind_ns * 2 > frame_ns
     }
