@@ -14,13 +14,13 @@ const TOLERANCE_DEG: f64 = 15.0;
 /// What was said before blank walls.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Corners {
-    /// Stretches of at least three frames in a row in which one plane holds 90 % of the scan.
+    /// Stretches of at least three frames in a row that see a blank wall: two directions are open.
     pub corners: usize,
-    /// Of them those in which at least half of the frames are flagged degenerate, and none in a wrong direction.
+    /// Of them those in which both directions are flagged in at least half of the frames, and a wrong one in none.
     pub flagged: usize,
     /// Frames in these stretches.
     pub frames: usize,
-    /// Of them those flagged degenerate in directions within the plane.
+    /// Of them those in which both directions within the wall's plane are flagged.
     pub frames_flagged: usize,
     /// Of them those with a flagged direction more than 15 degrees out of the plane.
     pub frames_wrong: usize,
@@ -47,20 +47,20 @@ impl Corners {
 
 #[derive(PartialEq, Eq)]
 enum Said {
-    Nothing,
+    TooLittle,
     InThePlane,
     OutOfIt,
 }
 
 /// What a frame before a blank wall says of its directions.
 fn said(frame: &FrameResult) -> Option<Said> {
-    let normal = map_from_lidar(&frame.pose).rotation * frame.wall?.normal;
+    let normal = map_from_lidar(&frame.pose).rotation * frame.wall?;
     let axes = frame.pose.degenerate_axes.iter().take(frame.pose.degenerate as usize);
     let limit = TOLERANCE_DEG.to_radians().sin();
     let out = axes.clone().any(|axis| Vector3::from(*axis).dot(&normal).abs() > limit);
     Some(match (axes.len(), out) {
-        (0, _) => Said::Nothing,
         (_, true) => Said::OutOfIt,
+        (0 | 1, false) => Said::TooLittle,
         (_, false) => Said::InThePlane,
     })
 }

@@ -19,6 +19,7 @@ mod schedule;
 mod settings;
 mod sources;
 mod verdict;
+mod view;
 mod walk;
 mod walls;
 
@@ -34,5 +35,6 @@ pub use schedule::in_threads;
 pub use settings::{OdometryKind, Settings};
 pub use sources::{Group, Source, catalogue, recorded};
 pub use verdict::Verdict;
+pub use view::View;
 pub use walk::{Frame, Walk, simulated};
 pub use walls::{Wall, blank_wall};

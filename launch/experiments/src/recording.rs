@@ -16,7 +16,7 @@ use serde::Deserialize;
 use tempfile::TempDir;
 
 use crate::join::slice;
-use crate::{ExperimentError, Frame, Walk};
+use crate::{ExperimentError, Frame, View, Walk};
 
 /// The part of `meta.json` that is needed.
 #[derive(Debug, Deserialize)]
@@ -56,6 +56,7 @@ pub fn read_recording(name: &str, folder: &Path) -> Result<Walk, ExperimentError
             points: points.into(),
             imu: Vec::new(),
             truth: level_from_truth * truth,
+            view: View::Unknown,
         })
         .collect();
     slice(&mut frames, &imu);
@@ -78,6 +79,7 @@ pub fn read_replay(
         points: points.into(),
         imu: Vec::new(),
         truth: Isometry3::identity(),
+        view: View::Unknown,
     };
     let mut frames: Vec<_> = scans.into_iter().map(frame).collect();
     slice(&mut frames, &imu);

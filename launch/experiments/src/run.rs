@@ -3,15 +3,15 @@
 use evac_deskewer::Deskewer;
 use evac_evaluation::Pairs;
 use evac_frames::{ImuSample, PoseFrame, TrackingState, frame_flags};
-use evac_geometry::nalgebra::Isometry3;
+use evac_geometry::nalgebra::{Isometry3, Vector3};
 use evac_odometry::{Lio, Loam};
 use evac_stage::{Counters, PoseOutput, Rig, ScanOutput, ScanWithImu, Stage, StageError};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
 use crate::loss::pairs;
 use crate::settings::OdometryKind;
-use crate::walls::{Wall, blank_wall};
-use crate::{Frame, Settings, Walk};
+use crate::walls::blank_wall;
+use crate::{Frame, Settings, View, Walk};
 
 /// What came out for one frame.
 #[derive(Debug, Clone, Copy)]
@@ -20,8 +20,9 @@ pub struct FrameResult {
     pub pose: PoseFrame,
     /// True pose of the LiDAR at the frame's end.
     pub truth: Isometry3<f64>,
-    /// The blank wall that the scan shows, if it shows nothing else.
-    pub wall: Option<Wall>,
+    /// Normal of the blank wall that the scan shows, LiDAR frame, if it shows nothing else: by the true shape of what is seen where that is
+    /// known, else by the scan.
+    pub wall: Option<Vector3<f64>>,
     /// Time that the deskewer computed, milliseconds.
     pub deskewer_ms: f64,
     /// Time that the odometry computed, milliseconds.
@@ -134,7 +135,7 @@ where
     /// # Errors
     /// [`StageError`] of the stage that gives up.
     pub fn feed(&mut self, frame: &Frame, stream: &[ImuSample]) -> Result<FrameResult, StageError> {
-        let Frame { header, points, imu, truth } = frame;
+        let Frame { header, points, imu, truth, view } = frame;
         let prior = self.poses.memory.last().copied();
         // The run loop waits for cover, longer where the IMU's stamps are known to run ahead; after the stream's last sample
         // there is nothing to wait for.
@@ -154,7 +155,12 @@ where
         self.odometry.process(input, &mut self.poses, &mut Counters::default())?;
         let odometry_ms = milliseconds(started);
         let pose = self.poses.memory.last().copied().unwrap_or_default();
-        Ok(FrameResult { pose, truth: *truth, wall: blank_wall(points), deskewer_ms, odometry_ms })
+        let wall = match view {
+            View::Unknown => blank_wall(points).map(|wall| wall.normal),
+            View::Varied => None,
+            View::BlankWall(normal) => Some(*normal),
+        };
+        Ok(FrameResult { pose, truth: *truth, wall, deskewer_ms, odometry_ms })
     }
 }
 

@@ -10,6 +10,7 @@ use evac_stage::Rig;
 
 use crate::ExperimentError;
 use crate::join::{slice, stream};
+use crate::view::{Surroundings, View};
 
 /// One scan with all that belongs to it.
 #[derive(Debug, Clone)]
@@ -22,6 +23,8 @@ pub struct Frame {
     pub imu: Vec<ImuSample>,
     /// True pose of the LiDAR at the frame's end; level, its origin is the source's.
     pub truth: Isometry3<f64>,
+    /// What it sees of the building's true shape.
+    pub view: View,
 }
 
 /// A walk with its truth.
@@ -85,10 +88,12 @@ fn step(pair: &[Frame]) -> evac_geometry::nalgebra::Vector3<f64> {
 /// # Errors
 /// [`ExperimentError::Stage`] for a configuration that the simulator refuses.
 pub fn simulated(name: &str, config: &Config, rig: &Rig) -> Result<Walk, ExperimentError> {
-    let frames =
-        simulate(config, rig).map_err(|cause| ExperimentError::Stage { about: name.to_owned(), cause })?;
+    let about = |cause| ExperimentError::Stage { about: name.to_owned(), cause };
+    let frames = simulate(config, rig).map_err(about)?;
+    let surroundings = Surroundings::new(config, rig).map_err(about)?;
     let frames = frames
         .map(|frame| Frame {
+            view: surroundings.view(&frame.header.frame, &frame.points),
             header: frame.header,
             points: frame.points.into(),
             imu: frame.imu,

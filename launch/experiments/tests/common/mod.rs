@@ -3,7 +3,7 @@
 #![allow(dead_code, missing_docs, unreachable_pub, reason = "each test binary uses its own part")]
 
 use evac_config::ImuFromLidar;
-use evac_experiments::{Frame, Walk};
+use evac_experiments::{Frame, View, Walk};
 use evac_frames::{FrameHeader, ImuSample, Point, ScanHeader};
 use evac_geometry::STANDARD_GRAVITY;
 use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -72,5 +72,5 @@ fn frame(k: i64, random: &mut Random) -> Frame {
     let header = ScanHeader { frame, points: SHOTS as u32, ..ScanHeader::default() };
     let heading = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.3);
     let truth = Isometry3::from_parts(Translation3::from(heading * Vector3::new(walked, 0.0, 0.0)), heading);
-    Frame { header, points: points.into(), imu: Vec::new(), truth }
+    Frame { header, points: points.into(), imu: Vec::new(), truth, view: View::Unknown }
 }

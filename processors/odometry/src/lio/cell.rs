@@ -13,6 +13,9 @@ const MAX_POINTS: u32 = 5000;
 const REFIT_GROWTH: f64 = 1.3;
 /// Thickest plane (standard deviation along the normal), metres: thicker ones are people and mixed surfaces.
 const MAX_THICKNESS: f64 = 0.07;
+/// A plane must extend farther than the range noise spreads its points along the beams, variances by this factor: of a strip of wall that is
+/// seen from near, narrower than the noise, the noise would make a plane across it. 1.5 and 2.5 were alike.
+const NOISE_EXTENT: f64 = 2.5;
 /// Variance of a point that the range noise does not explain (beam direction, time), m^2.
 pub(crate) const POINT_FLOOR: f64 = 0.005 * 0.005;
 /// So many sampling errors of the thickness above the sensor's own are taken for noise, not for roughness.
@@ -138,14 +141,18 @@ impl Cell {
         let mut order = [0, 1, 2];
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
         let [l0, l1, l2] = order.map(|i| eigen.eigenvalues[i].max(0.0));
-        let planar = l0.sqrt() < MAX_THICKNESS && l1 > 10.0 * l0 && l1.sqrt() > 0.08 * edge;
+        let [normal, axis, _] = order.map(|i| eigen.eigenvectors.column(i).into_owned());
+        let beams = symmetric(self.beams.map(|sum| f64::from(sum) / n));
+        let noise = |axis: &Vector3<f64>| range_variance * axis.dot(&(beams * axis)) + POINT_FLOOR;
+        let planar = l0.sqrt() < MAX_THICKNESS
+            && l1 > 10.0 * l0
+            && l1.sqrt() > 0.08 * edge
+            && l1 > NOISE_EXTENT * noise(&axis);
         self.plane = planar.then(|| {
-            let normal = eigen.eigenvectors.column(order[0]).into_owned();
-            let beams = symmetric(self.beams.map(|sum| f64::from(sum) / n));
-            let sensor = range_variance * normal.dot(&(beams * normal)) + POINT_FLOOR;
+            let sensor = noise(&normal);
             Plane {
                 normal,
-                axis: eigen.eigenvectors.column(order[1]).into_owned(),
+                axis,
                 centroid: self.mean,
                 variances: [l0, l1, l2],
                 points: n,
@@ -204,6 +211,24 @@ mod tests {
     #[test]
     fn a_thick_cloud_is_no_plane() {
         assert!(sheet(0.0, 0.1).plane().is_none());
+    }
+
+    #[test]
+    fn the_noise_of_a_strip_of_wall_in_the_corner_of_a_cell_is_no_plane_across_it() {
+        // 1 cm by 10 cm of a wall; its points stray by 2 cm along the beam, which makes a flat cloud of 4 cm by 10 cm.
+        let strip = |width: f64, length: f64| {
+            let mut cell = Cell::new(1, 0, 0, 0);
+            for i in 0..300 {
+                let (across, along) = ((f64::from(i) * 0.618).fract(), (f64::from(i) * 0.414).fract());
+                let noise = 0.02 * if i % 2 == 0 { 1.0 } else { -1.0 };
+                cell.add(&Vector3::new(noise, width * across, length * along), &Vector3::x(), 0.2, 4e-4);
+            }
+            cell.plane().copied()
+        };
+        assert_eq!(strip(0.01, 0.1), None);
+        // Wide enough it is the wall.
+        let wall = strip(0.25, 0.25).unwrap();
+        assert!(wall.normal.x.abs() > 0.99, "{:?}", wall.normal);
     }
 
     #[test]
