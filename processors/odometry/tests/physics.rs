@@ -192,6 +192,30 @@ fn a_gap_of_sixty_milliseconds_in_the_imu_is_bridged_and_counted() {
 }
 
 #[test]
+fn a_walker_whose_imu_is_silent_for_half_a_second_before_a_blank_wall_is_within_what_is_said() {
+    // Turns to a wall that shows neither height nor way along it, and bobs by 3 cm with each step: 0.4 m/s up and down.
+    let room = Room::new(21);
+    let walk = glide(Vector3::new(1.2, 0.0, 0.0), 0.0, 6.0);
+    let mut frames = room.frames(9.0, |time| {
+        let started = smooth(time - 2.0);
+        let yaw = FRAC_PI_2 * (smooth((time - 4.0) / 1.5) - smooth((time - 7.0) / 1.5));
+        let bob = 0.03 * (std::f64::consts::TAU * 1.9 * time).sin() * started;
+        Isometry3::new(walk(time).translation.vector + Vector3::z() * bob, Vector3::z() * yaw)
+    });
+    for frame in &mut frames {
+        frame.imu.retain(|sample| !(4_500_000_000..5_000_000_000).contains(&sample.stamp_ns));
+    }
+    let pipeline = run(&frames);
+    let poses = pipeline.trajectory();
+    for index in 20..frames.len() {
+        let (metres, _) = error_at(poses, &frames, index);
+        assert!(metres < 3.0 * position_sigma(&poses[index]) + 0.02, "frame {index}: {metres} m");
+    }
+    let (metres, degrees) = error_at(poses, &frames, 51);
+    assert!(metres < 0.15 && degrees < 2.0, "after the gap: {metres} m, {degrees} deg");
+}
+
+#[test]
 fn without_any_imu_for_half_a_second_the_match_alone_goes_on() {
     let mut frames = Room::new(9).frames(8.0, glide(Vector3::new(1.5, 0.5, 0.0), 0.3, 5.0));
     for frame in &mut frames {

@@ -7,6 +7,7 @@ use evac_geometry::skew;
 use super::config::LioConfig;
 use super::correction::Report;
 use super::degeneracy::Degeneracy;
+use super::habit::Habit;
 use super::initialisation::{Start, upright};
 use super::monitor::Monitor;
 use super::offset::PoseCovariance;
@@ -60,8 +61,8 @@ pub(crate) struct Filter {
     started_ns: i64,
     /// What was known at the start.
     at_start: (State, Covariance),
-    /// Mean angular velocity of the last frame, IMU frame, for when the IMU is silent.
-    pub(crate) rate: Vector3<f64>,
+    /// How the rig is carried, for when the IMU is silent.
+    pub(crate) habit: Habit,
     pub(crate) monitor: Monitor,
     pub(crate) degeneracy: Degeneracy,
     /// Of these, if any are, the directions that the shape of the surroundings leaves open; the others are open because the place of
@@ -93,7 +94,7 @@ impl Filter {
             covariance,
             stamp_ns: end_ns - state.offset_ns(),
             started_ns: end_ns - state.offset_ns(),
-            rate: Vector3::zeros(),
+            habit: Habit::default(),
             monitor: Monitor::default(),
             degeneracy: Degeneracy::default(),
             open: Degeneracy::default(),

@@ -50,7 +50,8 @@ impl Standby for Lio {
         let is_deskewed = input.header.scan_flags & scan_flags::DESKEWED != 0;
         self.take_points(&filter.state, filter.frame, input);
         filter.covariance = covariance(routed, &filter);
-        filter.rate = log_so3(&(before.rotation.inverse() * map_from_imu(routed).rotation)) / gap_s.max(1e-3);
+        let turn = log_so3(&(before.rotation.inverse() * map_from_imu(routed).rotation));
+        filter.habit.take(gap_s, &routed.velocity.into(), &(turn / gap_s.max(1e-3)));
         self.filter = Some(filter);
         self.take_over(routed);
         if let Some(filter) = &self.filter

@@ -4,7 +4,7 @@ use evac_frames::TrackingState;
 
 use super::correction::Report;
 use super::filter::Filter;
-use super::monitor::{Expected, Verdict};
+use super::monitor::{ADRIFT, Expected, Verdict};
 use super::settling::{Scratch, Settling};
 use super::stage::{Lio, insert_all};
 use super::state::{Covariance, State};
@@ -53,12 +53,26 @@ impl Lio {
         let verdict = filter.monitor.judge(report, expected, &filter.state, &self.config);
         self.diagnostics.nis = filter.monitor.nis();
         match verdict {
-            Verdict::Good => {
-                self.map_scan(filter, report);
-                return if degenerate { TrackingState::Degenerate } else { TrackingState::Tracking };
+            Verdict::Good | Verdict::Doubtful => {
+                if verdict == Verdict::Good {
+                    self.map_scan(filter, report);
+                }
+                return match (expected.position_sigma > ADRIFT, degenerate) {
+                    (true, _) => TrackingState::Lost,
+                    (false, true) => TrackingState::Degenerate,
+                    (false, false) => TrackingState::Tracking,
+                };
             }
-            Verdict::Doubtful => {
-                return if degenerate { TrackingState::Degenerate } else { TrackingState::Tracking };
+            Verdict::Adrift => {
+                // What the IMU says of the motion is still the best there is.
+                self.diagnostics.losses += 1;
+                self.diagnostics.map_restarts += 1;
+                (filter.state, filter.covariance) = *predicted;
+                filter.observe(&Report::default());
+                filter.sections.begin(&mut filter.state, &mut filter.covariance);
+                self.map.clear();
+                self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
+                self.insert_scan(filter);
             }
             Verdict::Blocked => {
                 (filter.state, filter.covariance) = *predicted;

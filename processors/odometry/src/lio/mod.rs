@@ -1,7 +1,7 @@
 //! The stage `lio`: see [`Lio`].
 //!
 //! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`], [`batch_means`], [`glide`]); then [`tracking`] carries the
-//! [`filter`] on by the IMU ([`imu`], [`propagation`]), brings points to the frame's end where that was not done ([`deskew`]), matches
+//! [`filter`] on by the IMU ([`imu`], [`propagation`], [`habit`]), brings points to the frame's end where that was not done ([`deskew`]), matches
 //! them with planes ([`matching`], [`plane_map`], [`cell`]), corrects ([`correction`], [`joint`]), says what was not observed
 //! ([`degeneracy`]), judges and maps ([`mapping`], [`monitor`], [`settling`], [`sections`]), and reports ([`report`]). The offset between the
 //! clocks is searched for meanwhile ([`scout`], [`offset_search`]). A standby follows another odometry instead ([`follow`]).
@@ -20,6 +20,7 @@ mod drift;
 mod filter;
 mod follow;
 mod glide;
+mod habit;
 mod imu;
 mod information;
 mod initialisation;

@@ -38,6 +38,8 @@ const RESTART_FRAMES: u32 = 30;
 const SEARCH_FRAMES: u32 = 10;
 /// A position more certain than this is known again, metres (standard deviation).
 const PLACED: f64 = 0.1;
+/// A position less certain than this is of no use, metres (standard deviation).
+pub(crate) const ADRIFT: f64 = 0.4;
 
 /// What to do with the frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,6 +50,8 @@ pub(crate) enum Verdict {
     Doubtful,
     /// Something hides the view: go by the IMU alone.
     Blocked,
+    /// Nothing fits, which is no wonder where the position has become so uncertain: start a new map from there.
+    Adrift,
     /// The match has just been lost.
     JustLost,
     /// Still lost.
@@ -149,8 +153,9 @@ impl Monitor {
         let weak = sudden || viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL);
         self.weak = if weak { self.weak + 1 } else { 0 };
         if self.weak >= WEAK_FRAMES || self.nis > LOST_NIS || !possible {
-            *self = Self { lost: true, ..self.usual() };
-            return Verdict::JustLost;
+            let adrift = possible && expected.position_sigma > ADRIFT;
+            *self = Self { lost: !adrift, ..self.usual() };
+            return if adrift { Verdict::Adrift } else { Verdict::JustLost };
         }
         if weak {
             return Verdict::Doubtful;
@@ -204,6 +209,21 @@ mod tests {
         assert_eq!(verdicts, [Verdict::Doubtful, Verdict::Doubtful, Verdict::JustLost, Verdict::Lost]);
         let verdicts: Vec<_> = (0..5).map(|_| judge(&report(2200, 1.2, 0.2))).collect();
         assert_eq!(verdicts[3..], [Verdict::Lost, Verdict::Good]);
+    }
+
+    #[test]
+    fn where_nothing_fits_and_the_position_has_become_useless_a_new_map_begins_at_once() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge = |report: &Report, position_sigma: f64| {
+            let expected = Expected { position_sigma, ..Expected::default() };
+            monitor.judge(report, expected, &standing(), &config)
+        };
+        for _ in 0..50 {
+            judge(&report(2300, 0.9, 0.05), 0.01);
+        }
+        let verdicts: Vec<_> = (0..3).map(|_| judge(&report(100, 1.0, 0.05), 0.6)).collect();
+        assert_eq!(verdicts, [Verdict::Doubtful, Verdict::Doubtful, Verdict::Adrift]);
+        assert_eq!(judge(&report(2200, 1.0, 0.05), 0.01), Verdict::Good);
     }
 
     #[test]
@@ -279,7 +299,7 @@ mod tests {
         let (mut monitor, config) = (Monitor::default(), LioConfig::default());
         let mut judge = |used: usize, is_blank: bool| {
             let expected =
-                Expected { is_blank, degenerate: is_blank, position_sigma: 1.0, ..Expected::default() };
+                Expected { is_blank, degenerate: is_blank, position_sigma: 0.3, ..Expected::default() };
             monitor.judge(&report(used, 0.9, 0.05), expected, &standing(), &config)
         };
         for _ in 0..50 {

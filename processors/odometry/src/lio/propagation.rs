@@ -4,6 +4,7 @@ use evac_geometry::nalgebra::{Matrix3, SMatrix, Vector3};
 use evac_geometry::{exp_so3, log_so3, skew};
 
 use super::config::LioConfig;
+use super::habit::Habit;
 use super::imu::{Reading, between};
 use super::state::{Covariance, DIM, MOVING, OWN, State, add_variance, at};
 
@@ -22,9 +23,10 @@ const INTERPOLATED_S: f64 = 0.1;
 /// Rotation rate and acceleration of a walking carrier that a short gap may hide, rad/s and m/s^2 (standard deviations).
 const HIDDEN_RATE: f64 = 0.5;
 const HIDDEN_ACCEL: f64 = 2.0;
-/// What a long one hides, as white noise: rad^2/s and m^2/s^3. 2 degrees and 15 cm/s in a tenth of a second.
+/// Least rotation that a long one hides, as white noise, rad^2/s: 2 degrees in a tenth of a second.
 const BLIND_ROTATION: f64 = 0.01;
-const BLIND_VELOCITY: f64 = 0.2;
+/// Time in which a walker's velocity goes back to its mean, seconds.
+const SWING_S: f64 = 0.1;
 /// Time in which a walker's rate of rotation is forgotten, seconds: it swings twice a second.
 const RATE_MEMORY_S: f64 = 0.07;
 /// Pieces in which a long gap is gone through.
@@ -91,21 +93,20 @@ pub(crate) struct Bridged {
 
 /// Propagates from `from_ns` to `to_ns` (IMU stamps) through `readings`.
 ///
-/// Where there are none the velocity goes on, and of the rotation what a walker keeps of it; `idle_rate` is that of the last frame, for
-/// when there are no readings at all.
+/// Where there are none the motion goes on as is the rig's `habit`.
 pub(crate) fn propagate(
     state: &mut State,
     covariance: &mut Covariance,
     readings: &[Reading],
     (from_ns, to_ns): (i64, i64),
-    idle_rate: &Vector3<f64>,
+    habit: &Habit,
     noise: &Noise,
     trace: &mut Vec<TracePoint>,
 ) -> Bridged {
     trace.clear();
     let mut way = Way { state, covariance, noise, trace, now_ns: from_ns, bridged: Bridged::default() };
     if let Some(first) = readings.first() {
-        way.go_blindly(None, Some(first), first.stamp_ns.min(to_ns), idle_rate);
+        way.go_blindly(None, Some(first), first.stamp_ns.min(to_ns), habit);
     }
     for pair in readings.windows(2) {
         let [a, b] = pair else { continue };
@@ -118,7 +119,7 @@ pub(crate) fn propagate(
         let end_ns = b.stamp_ns.min(to_ns);
         let apart_s = (b.stamp_ns - a.stamp_ns) as f64 * 1e-9;
         if apart_s > INTERPOLATED_S {
-            way.go_blindly(Some(a), Some(b), end_ns, idle_rate);
+            way.go_blindly(Some(a), Some(b), end_ns, habit);
             continue;
         }
         let (from, to) = (between(a, b, way.now_ns), between(a, b, end_ns));
@@ -136,7 +137,7 @@ pub(crate) fn propagate(
         let (from, to) = (Reading { stamp_ns: way.now_ns, ..*last }, Reading { stamp_ns: to_ns, ..*last });
         way.advance(&from, &to);
     }
-    way.go_blindly(last, None, to_ns, idle_rate);
+    way.go_blindly(last, None, to_ns, habit);
     way.bridged
 }
 
@@ -175,13 +176,7 @@ impl Way<'_> {
     }
 
     /// Goes on to `to_ns` without readings between `before` and `after`.
-    fn go_blindly(
-        &mut self,
-        before: Option<&Reading>,
-        after: Option<&Reading>,
-        to_ns: i64,
-        idle_rate: &Vector3<f64>,
-    ) {
+    fn go_blindly(&mut self, before: Option<&Reading>, after: Option<&Reading>, to_ns: i64, habit: &Habit) {
         let length_ns = to_ns - self.now_ns;
         if length_ns <= 0 {
             return;
@@ -196,26 +191,67 @@ impl Way<'_> {
             let middle_ns = self.now_ns + (end_ns - self.now_ns) / 2;
             let sides = [before, after].into_iter().flatten();
             let rate = if before.is_none() && after.is_none() {
-                *idle_rate / 2.0
+                habit.rate / 2.0
             } else {
                 sides.map(|side| self.state.rate_of(&side.gyro) * kept(side, middle_ns)).sum()
             };
-            let (from, to) = idle(self.state, &rate, self.now_ns, end_ns);
-            self.advance(&from, &to);
-            let h = (end_ns - from.stamp_ns) as f64 * 1e-9;
-            add_variance(self.covariance, at::ROTATION, BLIND_ROTATION * h);
-            add_variance(self.covariance, at::VELOCITY, BLIND_VELOCITY * h);
+            if self.trace.len() < self.trace.capacity() {
+                self.trace.push(TracePoint { stamp_ns: self.now_ns, state: *self.state, rate });
+            }
+            let h = (end_ns - self.now_ns) as f64 * 1e-9;
+            blind_step(self.state, self.covariance, &rate, h, habit, self.noise);
+            self.now_ns = end_ns;
         }
     }
 }
 
-/// Readings of an IMU that keeps its velocity and turns at `rate`.
-fn idle(state: &State, rate: &Vector3<f64>, from_ns: i64, to_ns: i64) -> (Reading, Reading) {
-    let unaligned = exp_so3(&-state.misalignment);
-    let accel = state.accel_bias - unaligned * (state.rotation.inverse() * state.gravity);
-    let gyro = unaligned * rate + state.gyro_bias;
-    let reading = |stamp_ns| Reading { stamp_ns, gyro, accel, held: false };
-    (reading(from_ns), reading(to_ns))
+/// One step of `h` seconds without readings: turns at `rate`, and the velocity goes back to its mean. What carries the state on says nothing about
+/// gravity and sensors, so no errors of these come in.
+fn blind_step(
+    state: &mut State,
+    covariance: &mut Covariance,
+    rate: &Vector3<f64>,
+    h: f64,
+    habit: &Habit,
+    noise: &Noise,
+) {
+    let turn = exp_so3(&(rate * h));
+    let kept = (-h / SWING_S).exp();
+    let mut change = SMatrix::<f64, MOVING, OWN>::identity();
+    let mut set = |row: usize, column: usize, block: &Matrix3<f64>| {
+        change.fixed_view_mut::<3, 3>(row, column).copy_from(block);
+    };
+    set(at::ROTATION, at::ROTATION, turn.inverse().to_rotation_matrix().matrix());
+    set(at::POSITION, at::VELOCITY, &(Matrix3::identity() * h));
+    set(at::VELOCITY, at::VELOCITY, &(Matrix3::identity() * kept));
+    transform(covariance, &change);
+    let mut block = covariance.fixed_view_mut::<3, 3>(at::ROTATION, at::ROTATION);
+    block += Matrix3::identity() * (BLIND_ROTATION * h) + habit.turning * (2.0 * RATE_MEMORY_S * h);
+    let mut block = covariance.fixed_view_mut::<3, 3>(at::VELOCITY, at::VELOCITY);
+    block += habit.scatter() * (1.0 - kept * kept);
+    add_walks(covariance, h, noise);
+
+    state.position += state.velocity * h;
+    state.velocity = habit.velocity + (state.velocity - habit.velocity) * kept;
+    state.rotation *= turn;
+    state.rotation.renormalize();
+}
+
+/// Applies the rows of a transition matrix that are not those of the identity.
+fn transform(covariance: &mut Covariance, change: &SMatrix<f64, MOVING, OWN>) {
+    let moved: SMatrix<f64, MOVING, DIM> = change * covariance.fixed_rows::<OWN>(0);
+    covariance.fixed_view_mut::<MOVING, DIM>(0, 0).copy_from(&moved);
+    covariance.fixed_view_mut::<DIM, MOVING>(0, 0).copy_from(&moved.transpose());
+    covariance
+        .fixed_view_mut::<MOVING, MOVING>(0, 0)
+        .copy_from(&(moved.fixed_columns::<OWN>(0) * change.transpose()));
+}
+
+/// Adds what biases and the time offset walk in `h` seconds.
+fn add_walks(covariance: &mut Covariance, h: f64, noise: &Noise) {
+    add_variance(covariance, at::GYRO_BIAS, noise.gyro_walk.powi(2) * h);
+    add_variance(covariance, at::ACCEL_BIAS, noise.accel_walk.powi(2) * h);
+    covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] += noise.offset_walk.powi(2) * h;
 }
 
 /// One trapezoid step of `h` seconds between two readings.
@@ -261,19 +297,12 @@ fn step(state: &mut State, covariance: &mut Covariance, a: &Reading, b: &Reading
     set(at::POSITION, at::ACCEL_BIAS, &(by_bias * (h / 2.0)));
     set(at::POSITION, at::MISALIGNMENT, &(by_misalignment * (h / 2.0)));
     set(at::POSITION, at::GRAVITY, &(identity_h * (h / 2.0)));
-    let moved: SMatrix<f64, MOVING, DIM> = change * covariance.fixed_rows::<OWN>(0);
-    covariance.fixed_view_mut::<MOVING, DIM>(0, 0).copy_from(&moved);
-    covariance.fixed_view_mut::<DIM, MOVING>(0, 0).copy_from(&moved.transpose());
-    covariance
-        .fixed_view_mut::<MOVING, MOVING>(0, 0)
-        .copy_from(&(moved.fixed_columns::<OWN>(0) * change.transpose()));
+    transform(covariance, &change);
 
     let gyro_noise = if held { noise.held_gyro } else { noise.gyro };
     add_variance(covariance, at::ROTATION, gyro_noise.powi(2) * NOISE_PERIOD_S * h);
     add_variance(covariance, at::VELOCITY, noise.accel.powi(2) * NOISE_PERIOD_S * h);
-    add_variance(covariance, at::GYRO_BIAS, noise.gyro_walk.powi(2) * h);
-    add_variance(covariance, at::ACCEL_BIAS, noise.accel_walk.powi(2) * h);
-    covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] += noise.offset_walk.powi(2) * h;
+    add_walks(covariance, h, noise);
 
     state.position += state.velocity * h + accel * (h * h / 2.0);
     state.velocity += accel * h;

@@ -25,6 +25,8 @@ const REST_RATE: f64 = 0.003;
 /// Below it a rig stands, turns on the spot or is about to, m/s. A steady glide looks like rest to an IMU; a filter that knows of one
 /// is not stopped.
 const SLOW_SPEED: f64 = 0.1;
+/// Speed that is followed while lost, m/s: a false match may run away.
+const LOST_SPEED: f64 = 0.8;
 /// Times that a scan is matched again which the IMU did not cover.
 const LED_ROUNDS: u32 = 2;
 
@@ -76,14 +78,20 @@ impl Lio {
         if let Some(scout) = scout {
             self.search_offset(&mut filter, &scout, &report, &input.header.frame);
         }
-        filter.rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
+        let rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
+        if is_led {
+            filter.habit.rate = rate;
+        } else {
+            filter.habit.take(gap_s, &filter.state.velocity, &rate);
+        }
         let frame = &input.header.frame;
         let pose = if tracking == TrackingState::Initialising {
             self.approach.restart();
             filter.settling_pose(frame, &self.imu_from_lidar, &report)
         } else {
             let mut pose = filter.published(frame, &self.imu_from_lidar, &report, tracking);
-            let moved = predicted.0.position - before.0.position;
+            let speed = if tracking == TrackingState::Lost { LOST_SPEED } else { self.config.max_speed_m_s };
+            let moved = before.0.velocity.cap_magnitude(speed) * gap_s;
             if self.approach.limit(&mut pose, &moved, &self.imu_from_lidar) {
                 pose.state = TrackingState::Lost as u32;
             }
@@ -134,7 +142,7 @@ impl Lio {
             &mut filter.covariance,
             self.track.readings(),
             (filter.stamp_ns, end_ns),
-            &filter.rate,
+            &filter.habit,
             &noise,
             &mut self.trace,
         );

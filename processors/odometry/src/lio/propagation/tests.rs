@@ -11,10 +11,12 @@ fn readings(gyro: Vector3<f64>, accel: Vector3<f64>, held: bool) -> Vec<Reading>
 fn run(state: &mut State, readings: &[Reading]) -> (Covariance, u64) {
     let mut covariance = Covariance::zeros();
     let noise = Noise::new(&LioConfig::default(), 1.0, false, false, 0.0);
-    let rate = Vector3::zeros();
+    // Has long gone on like that.
+    let mut habit = Habit::default();
+    habit.take(100.0, &state.velocity, &Vector3::zeros());
     let mut trace = Vec::with_capacity(512);
     let span = (0, 1_000_000_000);
-    let gaps = propagate(state, &mut covariance, readings, span, &rate, &noise, &mut trace);
+    let gaps = propagate(state, &mut covariance, readings, span, &habit, &noise, &mut trace);
     (covariance, gaps.gaps)
 }
 
@@ -54,6 +56,33 @@ fn without_readings_the_motion_goes_on_and_the_uncertainty_says_so() {
 }
 
 #[test]
+fn a_walker_is_followed_blindly_at_the_mean_speed_and_learns_nothing_of_gravity_by_it() {
+    // The IMU falls silent on the way up, in the middle of a step.
+    let mut state = State { velocity: Vector3::new(1.3, 0.0, 0.4), ..State::at_origin() };
+    let mut habit = Habit::default();
+    for frame in 0..60 {
+        let up = if frame % 4 < 2 { 0.4 } else { -0.4 };
+        habit.take(0.1, &Vector3::new(1.3, 0.0, up), &Vector3::zeros());
+    }
+    let mut covariance = Covariance::identity() * 1e-4;
+    let (gravity, bias) =
+        (covariance[(at::GRAVITY, at::GRAVITY)], covariance[(at::ACCEL_BIAS, at::ACCEL_BIAS)]);
+    let noise = Noise::new(&LioConfig::default(), 1.0, false, false, 0.0);
+    let span = (0, 500_000_000);
+    propagate(&mut state, &mut covariance, &[], span, &habit, &noise, &mut Vec::with_capacity(64));
+    assert!((state.velocity - Vector3::new(1.3, 0.0, 0.0)).norm() < 0.15, "{}", state.velocity);
+    assert!((state.position.x - 0.65).abs() < 0.02 && state.position.z.abs() < 0.1, "{}", state.position);
+    let sigma = [0, 1, 2].map(|axis| covariance[(at::VELOCITY + axis, at::VELOCITY + axis)].sqrt());
+    assert!(sigma[0] < 0.25 && sigma[2] > 0.35, "{sigma:?}");
+    for index in at::ROTATION..at::GYRO_BIAS {
+        assert_eq!(covariance[(index, at::GRAVITY + 1)], 0.0);
+        assert_eq!(covariance[(index, at::ACCEL_BIAS + 1)], 0.0);
+    }
+    assert_eq!(covariance[(at::GRAVITY, at::GRAVITY)], gravity);
+    assert!(covariance[(at::ACCEL_BIAS, at::ACCEL_BIAS)] < bias + 1e-6);
+}
+
+#[test]
 fn a_sample_missing_for_sixty_milliseconds_is_one_gap() {
     let up = Vector3::new(0.0, 0.0, STANDARD_GRAVITY);
     let mut readings = readings(Vector3::zeros(), up, false);
@@ -88,7 +117,7 @@ fn the_covariance_moves_as_the_states_around_it_do() {
         state = state.plus(d);
         state.gravity = gravity;
         let mut trace = Vec::with_capacity(8);
-        propagate(&mut state, covariance, readings, (0, 10_000_000), &Vector3::zeros(), &silent, &mut trace);
+        propagate(&mut state, covariance, readings, (0, 10_000_000), &Habit::default(), &silent, &mut trace);
         state
     };
     let mut covariance = Covariance::identity();
