@@ -4,7 +4,7 @@
 use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector};
 
 use super::deskew::Twist;
-use super::information::{Information, sum_of};
+use super::information::{DARK, Information, sum_of};
 use super::joint::{Joint, SEEN, seen_columns, seen_rows};
 use super::matching::{Known, Match, Search, Selected, associate};
 use super::offset::{PoseCovariance, pose_by_offset};
@@ -15,8 +15,6 @@ use super::state::{Covariance, Error, State, at};
 const ANCHOR_SHARE: usize = 3;
 /// The present section must have one match in so many for its residuals to count.
 const RESIDUAL_SHARE: usize = 10;
-/// Position less certain than this, metres (standard deviation): see [`Information::cut`].
-const DARK: f64 = 0.2;
 /// A section's place is estimated along while it is known to this, metres (standard deviation). Beyond, a false plane that the wide gate
 /// lets in would move the place once and for good.
 const KNOWN_PLACE: f64 = 0.01;
@@ -103,7 +101,7 @@ pub(crate) fn correct(
         }
         let (mut information, mut joint) = accumulate(known, matches, &here, covariance, twist);
         if is_dark {
-            information.cut();
+            information.cut(&predicted);
             // What was cut must not be laid to the sections' places either.
             joint = Joint::default();
             joint.add(&information);

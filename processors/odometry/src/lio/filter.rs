@@ -1,7 +1,7 @@
 //! The running filter: its state, what it believes, and how both are loosened, held and fixed in the map frame.
 
 use evac_frames::{FrameHeader, PoseFrame, TrackingState};
-use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, Vector3};
+use evac_geometry::nalgebra::{Isometry3, Matrix3, SMatrix, SVector, Vector3};
 use evac_geometry::skew;
 
 use super::config::LioConfig;
@@ -161,11 +161,6 @@ impl Filter {
         self.sections.doubt(&mut self.state, &mut self.covariance, &pose);
     }
 
-    /// Largest standard deviation of the position within the present section, metres.
-    pub(crate) fn position_sigma(&self) -> f64 {
-        self.largest_sigma(at::POSITION)
-    }
-
     /// Takes a time offset that was found elsewhere. All but the pose was learnt with the wrong one.
     pub(crate) fn set_time_offset(&mut self, offset_s: f64) {
         self.forget();
@@ -219,17 +214,12 @@ impl Filter {
 
     /// Largest standard deviation of the velocity, m/s.
     pub(crate) fn velocity_sigma(&self) -> f64 {
-        self.largest_sigma(at::VELOCITY)
+        largest_sigma(&self.covariance, at::VELOCITY)
     }
 
     /// Largest standard deviation of the rotation, rad.
     pub(crate) fn rotation_sigma(&self) -> f64 {
-        self.largest_sigma(at::ROTATION)
-    }
-
-    fn largest_sigma(&self, index: usize) -> f64 {
-        let block = self.covariance.fixed_view::<3, 3>(index, index).into_owned();
-        block.symmetric_eigenvalues().max().max(0.0).sqrt()
+        largest_sigma(&self.covariance, at::ROTATION)
     }
 
     /// Zero-velocity update of a rig at rest: before a blank wall nothing else keeps it from gliding along.
@@ -244,6 +234,16 @@ impl Filter {
         if self.velocity_sigma() < KNOWN_VELOCITY {
             self.expect_velocity((SLOW_SIGMAS * self.state.velocity.norm()).max(SLOW_VELOCITY));
         }
+    }
+
+    /// Takes the velocity along gravity for `faster` than what is known to be its mean, give or take `sigma` m/s.
+    pub(crate) fn expect_climb(&mut self, faster: f64, sigma: f64) {
+        let up = -self.state.gravity / self.state.gravity.norm();
+        let column: SVector<f64, DIM> = self.covariance.fixed_columns::<3>(at::VELOCITY) * up;
+        let innovation = column.fixed_rows::<3>(at::VELOCITY).dot(&up) + sigma.powi(2);
+        self.state = self.state.plus(&(column * (-faster / innovation)));
+        self.covariance -= column * column.transpose() / innovation;
+        self.covariance = (self.covariance + self.covariance.transpose()) / 2.0;
     }
 
     /// Takes the velocity for zero, give or take `sigma` m/s.
@@ -334,6 +334,16 @@ impl Filter {
     }
 }
 
+/// Largest standard deviation of the position within the present section, metres.
+pub(crate) fn position_sigma(covariance: &Covariance) -> f64 {
+    largest_sigma(covariance, at::POSITION)
+}
+
+fn largest_sigma(covariance: &Covariance, index: usize) -> f64 {
+    let block = covariance.fixed_view::<3, 3>(index, index).into_owned();
+    block.symmetric_eigenvalues().max().max(0.0).sqrt()
+}
+
 /// A misaligned IMU sees gravity where it is not: in the map both are off together, by `g = -R M f` with `M = Exp(m)`.
 fn add_misalignment(covariance: &mut Covariance, state: &State, sigma: f64) {
     let force = -(state.rotation.inverse() * state.gravity);
@@ -347,4 +357,33 @@ fn add_misalignment(covariance: &mut Covariance, state: &State, sigma: f64) {
     add(at::GRAVITY, at::MISALIGNMENT, &cross);
     add(at::MISALIGNMENT, at::GRAVITY, &cross.transpose());
     add(at::MISALIGNMENT, at::MISALIGNMENT, &(Matrix3::identity() * sigma.powi(2)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_climbed_too_fast_for_two_seconds_comes_down_again_and_goes_on_ahead() {
+        let start = Start {
+            state: State { velocity: Vector3::new(1.2, 0.0, 0.5), ..State::at_origin() },
+            covariance: Covariance::zeros(),
+            accel_noise: 0.0,
+            gyro_noise: 0.0,
+            standing: true,
+        };
+        let mut filter = Filter::new(&start, 0, &LioConfig::default(), Sections::new());
+        let (variance, seconds) = (0.3_f64.powi(2), 2.0);
+        add_variance(&mut filter.covariance, at::VELOCITY, variance);
+        add_variance(&mut filter.covariance, at::POSITION, variance * seconds * seconds);
+        for axis in 0..3 {
+            filter.covariance[(at::VELOCITY + axis, at::POSITION + axis)] = variance * seconds;
+            filter.covariance[(at::POSITION + axis, at::VELOCITY + axis)] = variance * seconds;
+        }
+        filter.expect_climb(0.5, 0.1);
+        let state = &filter.state;
+        assert!((state.velocity - Vector3::new(1.2, 0.0, 0.05)).norm() < 0.01, "{}", state.velocity);
+        assert!((state.position - Vector3::new(0.0, 0.0, -0.9)).norm() < 0.01, "{}", state.position);
+        assert!(filter.covariance[(at::VELOCITY + 2, at::VELOCITY + 2)].sqrt() < 0.1);
+    }
 }

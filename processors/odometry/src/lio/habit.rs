@@ -11,6 +11,11 @@ const MEMORY_S: f64 = 0.7;
 /// Change of the mean velocity that is reckoned with all the same, m/s (standard deviation per axis).
 const CHANGE: f64 = 0.15;
 
+/// After a gap the velocity is compared with the mean before it once so much time has passed, seconds: some steps.
+const STEPS_S: f64 = 1.0;
+/// Change of the mean climb that is reckoned with meanwhile, m/s (standard deviation).
+pub(crate) const CLIMB_CHANGE: f64 = 0.1;
+
 /// Motion of the frames before.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Habit {
@@ -21,6 +26,8 @@ pub(crate) struct Habit {
     swing: Matrix3<f64>,
     /// Mean square of the angular velocity, IMU frame.
     pub(crate) turning: Matrix3<f64>,
+    /// Mean velocity before the last gap, and since its end the seconds and the way.
+    since_gap: Option<(Vector3<f64>, f64, Vector3<f64>)>,
 }
 
 impl Habit {
@@ -32,6 +39,23 @@ impl Habit {
         self.velocity += off * share;
         self.swing += (off * off.transpose() * (1.0 - share) - self.swing) * share;
         self.turning += (rate * rate.transpose() - self.turning) * share;
+    }
+
+    /// A frame without an IMU, in which the rig turned at `rate`.
+    pub(crate) fn miss(&mut self, rate: &Vector3<f64>) {
+        self.rate = *rate;
+        self.since_gap = Some((self.velocity, 0.0, Vector3::zeros()));
+    }
+
+    /// Some steps after a gap, once: by how much the velocity has been above the mean before it, in all directions. That is as good as constant, since the
+    /// IMU knows how a gait swings; of the vertical the mean is known well.
+    pub(crate) fn off_since_gap(&mut self, seconds: f64, velocity: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let (_, since, way) = self.since_gap.as_mut()?;
+        *since += seconds;
+        *way += velocity * seconds;
+        self.since_gap
+            .take_if(|(_, since, _)| *since > STEPS_S)
+            .map(|(before, since, way)| way / since - before)
     }
 
     /// Covariance of the velocity at any time about the mean.
@@ -60,5 +84,18 @@ mod tests {
         assert!((up - (0.08 + CHANGE.powi(2)).sqrt()).abs() < 0.05, "{up}");
         let rolls = habit.turning.diagonal().map(f64::sqrt);
         assert!((rolls.y - 0.21).abs() < 0.05 && rolls.xz().norm() < 1e-9, "{rolls}");
+    }
+
+    #[test]
+    fn a_velocity_that_comes_out_of_a_gap_wrong_shows_by_its_mean_over_the_next_steps() {
+        let mut habit = Habit::default();
+        let gait = |frame: i32| Vector3::new(1.2, 0.0, 0.4 * (TAU * 1.9 * f64::from(frame) * 0.1).sin());
+        (0..50).for_each(|frame| habit.take(0.1, &gait(frame), &Vector3::zeros()));
+        (50..55).for_each(|_| habit.miss(&Vector3::zeros()));
+        let wrong = Vector3::new(0.0, 0.0, 0.5);
+        let off: Vec<_> =
+            (55..90).filter_map(|frame| habit.off_since_gap(0.1, &(gait(frame) + wrong))).collect();
+        assert_eq!(off.len(), 1);
+        assert!((off[0] - wrong).norm() < 0.1, "{}", off[0]);
     }
 }

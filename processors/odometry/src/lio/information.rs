@@ -21,6 +21,8 @@ const PLANE_FLOOR: f64 = 0.003;
 /// The tilt of a rough plane is the same in scan after scan, as long as the plane is in view: what it makes of a direction counts so many
 /// times. 1 was little different from it (docs/odometry.md).
 const TILT_WEIGHT: f64 = 3.0;
+/// Position less certain than this, metres (standard deviation), and rotation less certain than by the lever: see [`Information::cut`].
+pub(crate) const DARK: f64 = 0.2;
 /// Directions that a blank wall leaves open.
 const BLANK: usize = 2;
 /// Distance at which a rotation counts like a displacement, metres.
@@ -91,26 +93,39 @@ pub(crate) fn sum_of(map: &PlaneMap, matches: &[Match], state: &State, twist: &T
 
 impl Information {
     /// Before a blank wall takes out the directions that are not observed, in position and in rotation: the little there is of them is
-    /// false as often as not (a plane laid across an edge), and an uncertain pose would believe it.
-    pub(crate) fn cut(&mut self) {
-        for (index, least) in [(at::POSITION, OBSERVED), (at::ROTATION, OBSERVED * LEVER.powi(2))] {
+    /// false as often as not (a plane laid across an edge), and an uncertain pose would believe it. So it does with those that are not known: a wall
+    /// whose normal is off by a fraction of a degree, and by another in the next scan, would seem to show the way along it.
+    pub(crate) fn cut(&mut self, predicted: &PoseCovariance) {
+        for (index, least, dark) in
+            [(at::POSITION, OBSERVED, DARK), (at::ROTATION, OBSERVED * LEVER.powi(2), DARK / LEVER)]
+        {
             let eigen = self.matrix.fixed_view::<3, 3>(index, index).into_owned().symmetric_eigen();
             if index == at::POSITION
                 && eigen.eigenvalues.iter().filter(|value| **value < least).count() < BLANK
             {
                 return;
             }
-            for (axis, value) in eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter()) {
-                if *value >= least {
-                    continue;
+            let prior = predicted.fixed_view::<3, 3>(index, index).into_owned().symmetric_eigen();
+            let open = eigen.eigenvectors.column_iter().zip(eigen.eigenvalues.iter());
+            let unknown = prior.eigenvectors.column_iter().zip(prior.eigenvalues.iter());
+            open.filter(|(_, value)| **value < least)
+                .for_each(|(axis, _)| self.take_out(index, &axis.into_owned()));
+            for (axis, _) in unknown.filter(|(_, variance)| **variance > dark * dark) {
+                let block = self.matrix.fixed_view::<3, 3>(index, index).into_owned();
+                if axis.dot(&(block * axis)) < least {
+                    self.take_out(index, &axis.into_owned());
                 }
-                let mut direction = SVector::<f64, MEASURED>::zeros();
-                direction.fixed_rows_mut::<3>(index).copy_from(&axis);
-                let kept = Measured::identity() - direction * direction.transpose();
-                self.matrix = kept * self.matrix * kept;
-                self.vector = kept * self.vector;
             }
         }
+    }
+
+    /// Takes out all that is said of a direction of rotation or position.
+    fn take_out(&mut self, index: usize, axis: &Vector3<f64>) {
+        let mut direction = SVector::<f64, MEASURED>::zeros();
+        direction.fixed_rows_mut::<3>(index).copy_from(axis);
+        let kept = Measured::identity() - direction * direction.transpose();
+        self.matrix = kept * self.matrix * kept;
+        self.vector = kept * self.vector;
     }
 
     /// Takes each direction, of rotation and of position, for less by the share that is `turned` and `moved`: what may be false of it.
@@ -150,5 +165,29 @@ impl Information {
             }
             _ => Self::default(),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_one_who_knows_only_the_distance_from_a_wall_no_error_of_its_normal_shows_the_way_along_it() {
+        // Half a metre unsure along the wall, and the wall's normal is half a degree off.
+        let mut predicted = PoseCovariance::identity() * 1e-6;
+        predicted[(at::POSITION + 1, at::POSITION + 1)] = 0.25;
+        let normal = Vector3::new(1.0, 0.009, 0.0).normalize();
+        let mut wall = Information::default();
+        let mut block = wall.matrix.fixed_view_mut::<3, 3>(at::POSITION, at::POSITION);
+        block += normal * normal.transpose() * 1e5;
+        wall.cut(&predicted);
+        assert!(wall.matrix[(at::POSITION + 1, at::POSITION + 1)] < 1e-6);
+        assert!(wall.matrix[(at::POSITION, at::POSITION)] > 0.99e5);
+        // A second wall shows it.
+        let mut corner = wall;
+        corner.matrix[(at::POSITION + 1, at::POSITION + 1)] = 1e5;
+        corner.cut(&predicted);
+        assert!(corner.matrix[(at::POSITION + 1, at::POSITION + 1)] > 0.99e5);
     }
 }

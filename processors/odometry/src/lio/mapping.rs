@@ -3,7 +3,7 @@
 use evac_frames::TrackingState;
 
 use super::correction::Report;
-use super::filter::Filter;
+use super::filter::{Filter, position_sigma};
 use super::monitor::{ADRIFT, Expected, Verdict};
 use super::settling::{Scratch, Settling};
 use super::stage::{Lio, insert_all};
@@ -45,8 +45,9 @@ impl Lio {
             degenerate,
             returning: filter.returning > 0,
             after_gap: gap_s > MAX_STEP_S,
-            position_sigma: filter.position_sigma(),
+            position_sigma: position_sigma(&filter.covariance),
             is_blank: filter.degeneracy.count > 1,
+            is_adrift: position_sigma(&predicted.1) > ADRIFT,
             range_m: ranges.sum::<f64>() / self.points.len().div_ceil(RANGE_STRIDE).max(1) as f64,
         };
         filter.returning = filter.returning.saturating_sub(1);
@@ -56,6 +57,9 @@ impl Lio {
             Verdict::Good | Verdict::Doubtful => {
                 if verdict == Verdict::Good {
                     self.map_scan(filter, report);
+                } else if expected.is_adrift {
+                    // Far from where it is, whatever is near agrees with it.
+                    (filter.state, filter.covariance) = *predicted;
                 }
                 return match (expected.position_sigma > ADRIFT, degenerate) {
                     (true, _) => TrackingState::Lost,
@@ -125,7 +129,7 @@ impl Lio {
             self.diagnostics.sections_returned_to += 1;
             return;
         }
-        let sigma = filter.position_sigma();
+        let sigma = position_sigma(&filter.covariance);
         if sigma > SECTION_SIGMA && unseen * sigma > NEW_GROUND {
             filter.sections.begin(&mut filter.state, &mut filter.covariance);
             self.diagnostics.sections_begun += 1;

@@ -8,6 +8,7 @@ use evac_stage::{Counters, ScanWithImu};
 use super::correction::{Gate, Report, correct};
 use super::deskew::{Deskew, Middle, Twist};
 use super::filter::Filter;
+use super::habit::CLIMB_CHANGE;
 use super::imu::Reading;
 use super::matching::{Known, select};
 use super::propagation::{Noise, TracePoint, propagate};
@@ -80,9 +81,13 @@ impl Lio {
         }
         let rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
         if is_led {
-            filter.habit.rate = rate;
+            filter.habit.miss(&rate);
         } else {
             filter.habit.take(gap_s, &filter.state.velocity, &rate);
+            if let Some(off) = filter.habit.off_since_gap(gap_s, &filter.state.velocity) {
+                let up = -filter.state.gravity / filter.state.gravity.norm();
+                filter.expect_climb(off.dot(&up), CLIMB_CHANGE);
+            }
         }
         let frame = &input.header.frame;
         let pose = if tracking == TrackingState::Initialising {
