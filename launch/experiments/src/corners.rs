@@ -14,13 +14,13 @@ const TOLERANCE_DEG: f64 = 15.0;
 /// What was said before blank walls.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Corners {
-    /// Stretches of at least three frames in a row that see a blank wall: two directions are open.
+    /// Stretches of at least three frames in a row that see a blank wall.
     pub corners: usize,
-    /// Of them those in which both directions are flagged in at least half of the frames, and a wrong one in none.
+    /// Of them those in which all directions that are certainly open are flagged in at least half of the frames, and a wrong one in none.
     pub flagged: usize,
     /// Frames in these stretches.
     pub frames: usize,
-    /// Of them those in which both directions within the wall's plane are flagged.
+    /// Of them those in which so many directions are flagged, within the wall's plane.
     pub frames_flagged: usize,
     /// Of them those with a flagged direction more than 15 degrees out of the plane.
     pub frames_wrong: usize,
@@ -60,7 +60,7 @@ fn said(frame: &FrameResult) -> Option<Said> {
     let out = axes.clone().any(|axis| Vector3::from(*axis).dot(&normal).abs() > limit);
     Some(match (axes.len(), out) {
         (_, true) => Said::OutOfIt,
-        (0 | 1, false) => Said::TooLittle,
+        (count, false) if count < frame.open => Said::TooLittle,
         (_, false) => Said::InThePlane,
     })
 }

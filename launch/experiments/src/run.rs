@@ -23,6 +23,8 @@ pub struct FrameResult {
     /// Normal of the blank wall that the scan shows, LiDAR frame, if it shows nothing else: by the true shape of what is seen where that is
     /// known, else by the scan.
     pub wall: Option<Vector3<f64>>,
+    /// Directions that the wall leaves open for certain: both by its true shape; one by the scan, a tenth of which may show the other.
+    pub open: usize,
     /// Time that the deskewer computed, milliseconds.
     pub deskewer_ms: f64,
     /// Time that the odometry computed, milliseconds.
@@ -155,12 +157,12 @@ where
         self.odometry.process(input, &mut self.poses, &mut Counters::default())?;
         let odometry_ms = milliseconds(started);
         let pose = self.poses.memory.last().copied().unwrap_or_default();
-        let wall = match view {
-            View::Unknown => blank_wall(points).map(|wall| wall.normal),
-            View::Varied => None,
-            View::BlankWall(normal) => Some(*normal),
+        let (wall, open) = match view {
+            View::Unknown => (blank_wall(points).map(|wall| wall.normal), 1),
+            View::Varied => (None, 0),
+            View::BlankWall(normal) => (Some(*normal), 2),
         };
-        Ok(FrameResult { pose, truth: *truth, wall, deskewer_ms, odometry_ms })
+        Ok(FrameResult { pose, truth: *truth, wall, open, deskewer_ms, odometry_ms })
     }
 }
 

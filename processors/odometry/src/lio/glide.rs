@@ -45,7 +45,12 @@ impl Lio {
             &mut state,
             &mut covariance,
             &Twist::default(),
-            &Gate { range_noise: self.config.range_noise_m, floors: GATE, doubts_walls: false },
+            &Gate {
+                range_noise: self.config.range_noise_m,
+                floors: GATE,
+                doubts_walls: false,
+                always_false: 0.0,
+            },
             &mut self.matches,
         );
         self.sections = Some(sections);

@@ -77,7 +77,7 @@ impl Lio {
             &mut state,
             &mut covariance,
             &middle.twist,
-            &Gate { range_noise: self.config.range_noise_m, floors, doubts_walls: false },
+            &Gate { range_noise: self.config.range_noise_m, floors, doubts_walls: false, always_false: 0.0 },
             &mut self.matches,
         );
         (report.used * 2 > report.selected && state.is_finite()).then(|| Scout {

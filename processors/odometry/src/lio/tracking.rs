@@ -10,6 +10,7 @@ use super::deskew::{Deskew, Middle, Twist};
 use super::filter::Filter;
 use super::habit::CLIMB_CHANGE;
 use super::imu::Reading;
+use super::information::FALSE;
 use super::matching::{Known, select};
 use super::propagation::{Noise, TracePoint, propagate};
 use super::stage::{Lio, MAX_POINTS, MAX_SELECTED, valid};
@@ -112,6 +113,8 @@ impl Lio {
         let gate = Gate {
             range_noise: self.config.range_noise_m,
             doubts_walls: !filter.monitor.is_lost() && !is_led,
+            // Where the match alone is followed the little that it shows is all there is.
+            always_false: if filter.is_loose() || is_led { 0.0 } else { FALSE },
             floors: match (filter.settling, filter.monitor.is_lost() || is_led) {
                 (Some(_), _) => SETTLING_GATE,
                 (None, true) => LOST_GATE,
