@@ -253,6 +253,23 @@ fn a_second_without_lidar_costs_nothing() {
 }
 
 #[test]
+fn a_walker_who_turns_back_during_a_second_without_lidar_is_found_where_he_is() {
+    // To and fro, turning round within the second.
+    let mut frames = Room::new(26).frames(7.0, |time| {
+        let phase = (time - 2.0).clamp(0.0, 4.0) * std::f64::consts::FRAC_PI_2;
+        Isometry3::translation(0.8 * (1.0 - phase.cos()), 0.0, 0.0)
+    });
+    let lost: Vec<Frame> = frames.drain(35..45).collect();
+    let mut imu: Vec<_> = lost.iter().flat_map(|frame| frame.imu.iter().copied()).collect();
+    imu.append(&mut frames[35].imu);
+    frames[35].imu = imu;
+    let pipeline = run(&frames);
+    let poses = pipeline.trajectory();
+    let (metres, _) = error_at(poses, &frames, 35);
+    assert!(metres < 0.05 && poses[35].state != TrackingState::Lost as u32, "{metres} m");
+}
+
+#[test]
 fn empty_scans_are_dead_reckoned_and_said_to_observe_nothing() {
     let mut frames = Room::new(11).frames(8.0, glide(Vector3::new(1.5, 0.5, 0.0), 0.5, 5.0));
     for frame in &mut frames[40..45] {

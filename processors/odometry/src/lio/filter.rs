@@ -63,6 +63,8 @@ pub(crate) struct Filter {
     at_start: (State, Covariance),
     /// How the rig is carried, for when the IMU is silent.
     pub(crate) habit: Habit,
+    /// Way since the frame before by the IMU alone, map frame, metres.
+    pub(crate) carried: Vector3<f64>,
     pub(crate) monitor: Monitor,
     pub(crate) degeneracy: Degeneracy,
     /// Of these, if any are, the directions that the shape of the surroundings leaves open; the others are open because the place of
@@ -95,6 +97,7 @@ impl Filter {
             stamp_ns: end_ns - state.offset_ns(),
             started_ns: end_ns - state.offset_ns(),
             habit: Habit::default(),
+            carried: Vector3::zeros(),
             monitor: Monitor::default(),
             degeneracy: Degeneracy::default(),
             open: Degeneracy::default(),

@@ -97,7 +97,7 @@ impl Lio {
         } else {
             let mut pose = filter.published(frame, &self.imu_from_lidar, &report, tracking);
             let speed = if tracking == TrackingState::Lost { LOST_SPEED } else { self.config.max_speed_m_s };
-            let moved = before.0.velocity.cap_magnitude(speed) * gap_s;
+            let moved = filter.carried.cap_magnitude(speed * gap_s);
             if self.approach.limit(&mut pose, &moved, &self.imu_from_lidar) {
                 pose.state = TrackingState::Lost as u32;
             }
@@ -145,6 +145,7 @@ impl Lio {
             filter.offset_walk(),
         );
         let frame_ns = end_ns - filter.stamp_ns;
+        let from = filter.state.position;
         let bridged = propagate(
             &mut filter.state,
             &mut filter.covariance,
@@ -154,6 +155,7 @@ impl Lio {
             &noise,
             &mut self.trace,
         );
+        filter.carried = filter.state.position - from;
         self.diagnostics.imu_gaps += bridged.gaps;
         filter.hold_velocity();
         filter.stamp_ns = end_ns;
