@@ -110,11 +110,12 @@ impl Lio {
 
     /// Corrects the filter by the match of the selected points with the map.
     fn correct(&mut self, filter: &mut Filter, middle: &Middle, is_led: bool) -> Report {
+        let follows_imu = !filter.is_loose() && !is_led;
         let gate = Gate {
             range_noise: self.config.range_noise_m,
-            doubts_walls: !filter.monitor.is_lost() && !is_led,
             // Where the match alone is followed the little that it shows is all there is.
-            always_false: if filter.is_loose() || is_led { 0.0 } else { FALSE },
+            doubts_walls: follows_imu,
+            always_false: if follows_imu { FALSE } else { 0.0 },
             floors: match (filter.settling, filter.monitor.is_lost() || is_led) {
                 (Some(_), _) => SETTLING_GATE,
                 (None, true) => LOST_GATE,
