@@ -182,7 +182,9 @@ fn a_stage_and_its_shadow_are_compared_and_equal_ones_hardly_differ() {
         assert!(ended.stderr.contains("frame ") && !ended.stderr.contains('\x1b'), "{}", ended.stderr);
         assert!(json["frames"].as_u64() > Some(5), "{json}");
         for side in ["a", "b"] {
-            assert!(json[side]["cpu_percent"].as_f64() > Some(0.0), "{stage}: {}", json[side]);
+            // The kernel counts in ticks of 10 ms; a deskewer needs none in some seconds.
+            let cpu = json[side]["cpu_percent"].as_f64().unwrap();
+            assert!(cpu > 0.0 || cpu == 0.0 && stage == "deskewer", "{stage}: {}", json[side]);
             assert!(json["latency"][format!("{side}_ms")]["median"].as_f64() > Some(0.0), "{stage}");
         }
         json
