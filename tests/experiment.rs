@@ -3,7 +3,10 @@
 
 mod common;
 
-use common::Bench;
+use std::collections::BTreeSet;
+
+use common::{Bench, Running, wait_for};
+use rustix::process::Signal;
 use serde_json::Value;
 
 /// A simulated walk, six seconds of it: three of them standing.
@@ -87,6 +90,24 @@ fn a_minute_of_soak_runs_the_real_processes_and_leaves_nothing_behind() {
     assert!(minutes[0]["cpu_ms"].as_f64().unwrap() > 0.0 && minutes[0]["median_ms"].as_f64().unwrap() > 0.0);
     assert!(minutes[0]["drift_m"].as_f64().unwrap() < 1.0);
     assert!(bench.bytes("out/soak.png").starts_with(b"\x89PNG"));
+    assert_eq!(bench.leftovers(), Vec::<String>::new());
+}
+
+#[test]
+fn a_producer_that_never_waits_for_anybody_reports_while_it_works() {
+    let bench = Bench::new();
+    let domain = bench.domain.name().to_owned();
+    let soak = Running::start(bench.evac(["experiment", "soak", "-o", "out", "--domain", &domain]));
+    // Scans that it had put out by each of its reports; the sink of a soak holds nobody up.
+    let mut reported = BTreeSet::new();
+    wait_for("three reports of the simulator", || {
+        let ended = bench.run(["status", "--domain", &domain, "--json"]);
+        let status: Value = serde_json::from_str(&ended.stdout).ok()?;
+        reported.extend(status["stages"]["simulator"]["frames"]["out"].as_u64());
+        (reported.len() >= 3).then_some(())
+    });
+    soak.signal(Signal::TERM);
+    soak.end();
     assert_eq!(bench.leftovers(), Vec::<String>::new());
 }
 

@@ -68,12 +68,13 @@ impl<S: Source> Running<'_, S> {
     fn run(&mut self) -> Result<(), RunError> {
         while let Some(event) = self.source.next_event()? {
             self.count();
+            // One that never waits for anybody reports too.
+            self.reporter.report_if_due()?;
             if self.outputs.next_seq < self.first_seq {
                 if self.bus.stop_requested() {
                     return Ok(());
                 }
                 self.outputs.pass_over(&event);
-                self.reporter.report_if_due()?;
                 continue;
             }
             if self.wait(&event)? == Next::Stop {
