@@ -4,7 +4,7 @@ use evac_frames::PoseFrame;
 use evac_geometry::nalgebra::{Isometry3, Vector3};
 use evac_geometry::{map_from_imu, set_map_from_imu, set_map_from_lidar};
 
-/// Largest step of a published position beyond the predicted motion, metres.
+/// Largest step of a published position beyond the motion that the IMU integrated, metres.
 const MAX_STEP: f64 = 0.2;
 
 /// How far published positions still are from the filter's own.
@@ -20,7 +20,7 @@ impl Approach {
         self.last = None;
     }
 
-    /// Keeps the position of `pose` within a step of where `moved`, the motion that was predicted, leads to from the last one;
+    /// Keeps the position of `pose` within a step of where `moved`, the motion by the IMU alone, leads to from the last one;
     /// returns whether it is still on its way.
     pub(crate) fn limit(
         &mut self,
