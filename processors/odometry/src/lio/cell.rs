@@ -101,6 +101,11 @@ impl Cell {
         }
     }
 
+    /// Whether it holds enough points for a plane, if they lay in one.
+    pub(crate) fn is_ripe(&self) -> bool {
+        self.count >= MIN_POINTS
+    }
+
     /// The plane, if the points lie in one.
     pub(crate) fn plane(&self) -> Option<&Plane> {
         self.plane.as_ref()

@@ -40,9 +40,10 @@ pub(crate) struct Gate {
 pub(crate) struct Report {
     /// Points that went into the match.
     pub(crate) selected: usize,
-    /// Of these, points with a plane to be compared with.
+    /// Of these, points where much is mapped, and points with a plane to be compared with.
+    pub(crate) known: usize,
     pub(crate) in_view: usize,
-    /// Of these, points that passed the gate.
+    /// Of the latter, points that passed the gate.
     pub(crate) used: usize,
     /// Root mean square of the normalised residuals.
     pub(crate) residual: f64,
@@ -64,7 +65,7 @@ impl Report {
 
     /// The report of a frame that the map is made of.
     pub(crate) fn full() -> Self {
-        Self { selected: 1, in_view: 1, used: 1, ..Self::default() }
+        Self { selected: 1, known: 1, in_view: 1, used: 1, ..Self::default() }
     }
 }
 
@@ -99,7 +100,8 @@ pub(crate) fn correct(
                 range_noise: gate.range_noise,
                 gate_floor: *floor,
             };
-            report.in_view = associate(known, selected, &here, &search, matches);
+            let view = associate(known, selected, &here, &search, matches);
+            (report.known, report.in_view) = (view.known, view.compared);
         }
         let (mut information, mut joint) =
             accumulate(known, matches, &here, covariance, twist, gate.always_false);
@@ -243,6 +245,29 @@ mod tests {
         let open = Degeneracy::of(&report.seen_information);
         assert_eq!(open.count, 2);
         assert!(open.axes[..2].iter().all(|axis| axis.x.abs() < 0.1), "{open:?}");
+    }
+
+    #[test]
+    fn a_bush_that_is_mapped_shows_nothing_and_is_no_new_ground() {
+        let (mut map, mut selected) = (PlaneMap::new(4096, 0.02), Vec::new());
+        for i in 0..20_000 {
+            let leaf = [0.754_877, 0.569_840, 0.618_034].map(|step| (f64::from(i) * step).fract());
+            let point = Vector3::from(leaf) + Vector3::new(2.0, -0.5, -0.5);
+            map.insert(&point, &Vector3::x());
+            if i % 20 == 0 {
+                selected.push(select(&Isometry3::identity(), &point));
+            }
+        }
+        // One of ten looks at what nobody has seen yet.
+        for i in 0..100 {
+            let unseen = Vector3::new(5.0, f64::from(i) * 0.01, 0.0);
+            selected.push(select(&Isometry3::identity(), &unseen));
+        }
+        let bush = (map, selected);
+        let report = matched(&bush, &Sections::new(), &mut State::at_origin(), &mut Covariance::zeros());
+        // Where a cell holds a slice of it only, that is as flat as a plane.
+        assert!(report.in_view < 300, "{report:?}");
+        assert_eq!(report.known, 1000);
     }
 
     #[test]

@@ -59,7 +59,12 @@ impl Standby for Lio {
         {
             self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
             let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
-            insert_all(&mut self.map, &map_from_lidar, self.points.iter().copied());
+            insert_all(
+                &mut self.map,
+                &map_from_lidar,
+                self.points.iter().copied(),
+                filter.sections.to_frames(&filter.state),
+            );
         }
     }
 

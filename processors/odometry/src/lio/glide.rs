@@ -31,7 +31,7 @@ impl Lio {
     pub(crate) fn has_moved(&mut self, input: &ScanWithImu<'_>, start: &Start) -> bool {
         let map_from_lidar = start.state.map_from_imu() * self.imu_from_lidar;
         let first = self.still.iter().take(FIRST_POINTS).map(|point| point.cast());
-        insert_all(&mut self.map, &map_from_lidar, first);
+        insert_all(&mut self.map, &map_from_lidar, first, |_, point| *point);
         let stride = input.points.len().div_ceil(MAX_SELECTED).max(self.config.point_stride as usize);
         let points = input.points.iter().filter_map(|point| valid(point, &self.config)).step_by(stride);
         self.selected.clear();

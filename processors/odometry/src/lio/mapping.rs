@@ -114,7 +114,7 @@ impl Lio {
         if view > KNOWN_SHARE && filter.rotation_sigma() > MAX_ROTATION_SIGMA {
             return;
         }
-        let unseen = (report.selected - report.in_view) as f64 / report.selected.max(1) as f64;
+        let unseen = (report.selected - report.known) as f64 / report.selected.max(1) as f64;
         filter.sections.lay(unseen, &filter.state, &filter.covariance);
         self.choose_section(filter, report, unseen);
         self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
@@ -163,6 +163,11 @@ impl Lio {
 
     fn insert_scan(&mut self, filter: &Filter) {
         let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
-        insert_all(&mut self.map, &map_from_lidar, self.points.iter().copied());
+        insert_all(
+            &mut self.map,
+            &map_from_lidar,
+            self.points.iter().copied(),
+            filter.sections.to_frames(&filter.state),
+        );
     }
 }

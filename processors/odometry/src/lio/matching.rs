@@ -76,8 +76,16 @@ pub(crate) struct Search<'a> {
     pub(crate) gate_floor: f64,
 }
 
-/// Finds for every selected point the most certain plane whose residual passes the gate, coarse to fine and the first smooth one;
-/// returns how many points had any plane to be compared with.
+/// How much of a scan sees what is mapped, in points.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct View {
+    /// Those with a plane to be compared with.
+    pub(crate) compared: usize,
+    /// Those where much is mapped, planes or not: an edge or a bush shows nothing, but it is no new ground.
+    pub(crate) known: usize,
+}
+
+/// Finds for every selected point the most certain plane whose residual passes the gate, coarse to fine and the first smooth one.
 ///
 /// The covariance of the predicted pose widens the gate in the first association, the gate's floor in the loose mode.
 pub(crate) fn associate(
@@ -86,21 +94,22 @@ pub(crate) fn associate(
     state: &State,
     search: &Search<'_>,
     matches: &mut Vec<Match>,
-) -> usize {
+) -> View {
     let Known { map, sections } = known;
     let Search { predicted, covariance, first, range_noise, gate_floor } = *search;
     matches.clear();
     let rotation = state.rotation.to_rotation_matrix();
-    let mut in_view = 0;
+    let mut view = View::default();
     // Neighbouring points mostly see the same section.
     let mut recent = (sections.current(), PoseCovariance::zeros(), Isometry3::identity());
     for (order, candidate) in (0..).zip(selected) {
         let point = rotation * candidate.point + state.position;
         let beam = rotation * candidate.beam;
-        let mut seen = false;
+        let (mut seen, mut known) = (false, false);
         let mut best: Option<(f64, Match)> = None;
         for level in 0..EDGES.len() {
             let Some((index, cell)) = map.find(level, &point) else { continue };
+            known = level + 1 == EDGES.len() && cell.is_ripe();
             let Some(plane) = cell.plane() else { continue };
             if cell.section != recent.0 {
                 let id = cell.section;
@@ -150,11 +159,12 @@ pub(crate) fn associate(
             }
         }
         matches.extend(best.map(|(_, matched)| matched));
-        in_view += usize::from(seen);
+        view.compared += usize::from(seen);
+        view.known += usize::from(seen || known);
     }
     // One section's and one cell's matches side by side, in an order that keeps sums reproducible.
     matches.sort_unstable_by_key(|matched| (matched.section, matched.cell, matched.order));
-    in_view
+    view
 }
 
 /// Derivative of a residual by rotation (right error) and position.

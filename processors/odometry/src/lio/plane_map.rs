@@ -72,8 +72,20 @@ impl PlaneMap {
         self.cells.len()
     }
 
-    /// Adds a point seen along the unit vector `beam` at every level.
+    /// Adds a point seen along the unit vector `beam` at every level; both are the current section's.
+    #[cfg(test)]
     pub(crate) fn insert(&mut self, point: &Vector3<f64>, beam: &Vector3<f64>) {
+        self.insert_in(point, beam, &mut |_, point| *point);
+    }
+
+    /// The same where cells of other sections than the current one may be hit: `in_section` brings the point into a section's
+    /// frame. The beam may stay as it is, since sections lie to each other as they seem to but for fractions of a degree.
+    pub(crate) fn insert_in(
+        &mut self,
+        point: &Vector3<f64>,
+        beam: &Vector3<f64>,
+        in_section: &mut impl FnMut(SectionId, &Vector3<f64>) -> Vector3<f64>,
+    ) {
         for (level, edge) in EDGES.iter().enumerate() {
             let Some(key) = key(level, *edge, point) else { return };
             let index = match self.recent[level] {
@@ -81,10 +93,14 @@ impl PlaneMap {
                 _ => self.find_or_create(key),
             };
             self.recent[level] = (key, index);
-            let (frame, range_variance) = (self.frame, self.range_variance);
+            let (frame, section, range_variance) = (self.frame, self.section, self.range_variance);
             if let Some(cell) = self.cells.get_mut(index) {
                 cell.last_used = frame;
-                cell.add(point, beam, *edge, range_variance);
+                if cell.section == section {
+                    cell.add(point, beam, *edge, range_variance);
+                } else {
+                    cell.add(&in_section(cell.section, point), beam, *edge, range_variance);
+                }
             }
         }
     }
@@ -231,6 +247,32 @@ mod tests {
         }
         assert!(map.find(0, &start).is_some());
         assert!(map.find(0, &Vector3::new(1000.0, 0.0, 0.0)).is_none());
+    }
+
+    #[test]
+    fn a_wall_stays_in_its_section_where_one_sees_it_whose_own_section_lies_three_centimetres_beside() {
+        let mut map = PlaneMap::new(4096, 0.02);
+        let wall = |map: &mut PlaneMap, x: f64, shift: f64| {
+            for i in 0..1000 {
+                let noise = if (i / 40 + i) % 2 == 0 { 0.01 } else { -0.01 };
+                let point = Vector3::new(x + noise, f64::from(i % 40) * 0.02, f64::from(i / 40) * 0.03);
+                map.insert_in(&point, &Vector3::x(), &mut |section, point| {
+                    assert_eq!(section, 0);
+                    point - Vector3::new(shift, 0.0, 0.0)
+                });
+            }
+        };
+        let centroid = |map: &PlaneMap| {
+            let (_, cell) = map.find(0, &Vector3::new(2.0, 0.4, 0.4)).unwrap();
+            (cell.section, cell.plane().unwrap().points, cell.plane().unwrap().centroid.x)
+        };
+        wall(&mut map, 2.0, f64::NAN);
+        let before = centroid(&map);
+        map.next_frame(1, 0);
+        wall(&mut map, 2.03, 0.03);
+        let (section, points, x) = centroid(&map);
+        assert!(section == 0 && points > 1.5 * before.1);
+        assert!((x - 2.0).abs() < 1e-3 && (before.2 - 2.0).abs() < 1e-3, "{x} {}", before.2);
     }
 
     #[test]

@@ -14,15 +14,17 @@
 //! stretch, and where gravity is not where the map has it, the section is tilted. The published pose is the one relative to the first
 //! section. Of older sections the place is kept as it was known last.
 
-use evac_geometry::nalgebra::Isometry3;
+use evac_geometry::nalgebra::{Isometry3, SVector, Vector3};
 use evac_geometry::skew;
 
 use super::drift::Drift;
 use super::offset::{PoseCovariance, offset_by_pose, pose_by_offset};
 use super::state::{CLONES, Covariance, State, add_variance, at};
 
-/// Sections that are told apart; beyond them the oldest but the first are merged.
-pub(crate) const MAX_SECTIONS: usize = 64;
+/// Sections that are told apart, 100 kB; beyond them those that lie best to their elders are taken for these.
+pub(crate) const MAX_SECTIONS: usize = 256;
+/// How far off a turn of a section counts as a displacement, metres.
+const LEVER: f64 = 10.0;
 
 /// Number of a section, in the order in which they were begun.
 pub(crate) type SectionId = u32;
@@ -34,8 +36,11 @@ pub(crate) const ORIGIN: SectionId = 0;
 pub(crate) struct Sections {
     /// In the order of their numbers; the first is the map's origin.
     known: Vec<Section>,
-    current: SectionId,
     next: SectionId,
+    /// The section whose place each clone holds exactly; the sections that share the clone lie around it.
+    centres: [Centre; CLONES],
+    /// The current section, which is the centre of those that share no clone with others but its own place.
+    here: Centre,
     /// What new ground adds within sections.
     pub(crate) drift: Drift,
 }
@@ -47,20 +52,39 @@ struct Section {
     slot: Option<usize>,
     /// How it lies to that place: exactly there if the place is its own.
     from_place: Isometry3<f64>,
-    /// Covariance of the error of that.
-    apart: PoseCovariance,
+    /// How uncertain it lies to the hub of those that share the place. The hub stays what it is, whichever of them is the
+    /// centre: were distances counted from the centre, each return to another would add its distance to all, and of three in turn
+    /// they would grow like Fibonacci's numbers.
+    from_hub: PoseCovariance,
+}
+
+/// Of the sections that share a place the one whose own it is.
+#[derive(Debug, Clone, Copy)]
+struct Centre {
+    id: SectionId,
+    from_hub: PoseCovariance,
 }
 
 impl Section {
     fn here(id: SectionId) -> Self {
-        Self { id, slot: None, from_place: Isometry3::identity(), apart: PoseCovariance::zeros() }
+        Self { id, slot: None, from_place: Isometry3::identity(), from_hub: PoseCovariance::zeros() }
+    }
+
+    fn as_centre(&self) -> Centre {
+        Centre { id: self.id, from_hub: self.from_hub }
     }
 }
 
 impl Sections {
     pub(crate) fn new() -> Self {
-        let mut sections =
-            Self { known: Vec::with_capacity(MAX_SECTIONS), current: ORIGIN, next: 0, drift: Drift::new() };
+        let origin = Section::here(ORIGIN).as_centre();
+        let mut sections = Self {
+            known: Vec::with_capacity(MAX_SECTIONS),
+            centres: [origin; CLONES],
+            here: origin,
+            next: 0,
+            drift: Drift::new(),
+        };
         sections.clear();
         sections
     }
@@ -69,13 +93,14 @@ impl Sections {
     pub(crate) fn clear(&mut self) {
         self.known.clear();
         self.known.push(Section::here(ORIGIN));
-        (self.current, self.next) = (ORIGIN, 1);
+        self.here = Section::here(ORIGIN).as_centre();
+        self.next = 1;
         self.drift.clear();
     }
 
     /// The section that errors are counted relative to and new cells belong to.
     pub(crate) fn current(&self) -> SectionId {
-        self.current
+        self.here.id
     }
 
     /// Whether a section's place is told from the current one's.
@@ -90,6 +115,21 @@ impl Sections {
         place * section.from_place
     }
 
+    /// Brings points from the current section's frame into those of others; neighbouring ones mostly fall into the same.
+    pub(crate) fn to_frames(
+        &self,
+        state: &State,
+    ) -> impl FnMut(SectionId, &Vector3<f64>) -> Vector3<f64> + use<'_> {
+        let state = *state;
+        let mut recent = (self.current(), Isometry3::identity());
+        move |id, point| {
+            if id != recent.0 {
+                recent = (id, self.place(id, &state).inverse());
+            }
+            recent.1.rotation * point + recent.1.translation.vector
+        }
+    }
+
     /// Uncertainty of a section's place as an error of the present pose.
     pub(crate) fn pose_covariance(
         &self,
@@ -100,14 +140,20 @@ impl Sections {
         let section = self.section(id);
         let offset = section.slot.map_or_else(PoseCovariance::zeros, |slot| block(covariance, slot, slot));
         let map = pose_by_offset(state);
-        map * (offset + section.apart) * map.transpose()
+        map * (offset + self.apart(&section)) * map.transpose()
     }
 
     /// The state's clone that holds a section's place, and how far apart from that it may be, as a pose error.
     pub(crate) fn clone_of(&self, id: SectionId, state: &State) -> Option<(usize, PoseCovariance)> {
         let section = self.section(id);
         let map = pose_by_offset(state);
-        section.slot.map(|slot| (slot, map * section.apart * map.transpose()))
+        section.slot.map(|slot| (slot, map * self.apart(&section) * map.transpose()))
+    }
+
+    /// How uncertain a section lies to the centre of those that share its place.
+    fn apart(&self, section: &Section) -> PoseCovariance {
+        let centre = section.slot.map_or(&self.here, |slot| &self.centres[slot]);
+        if centre.id == section.id { PoseCovariance::zeros() } else { section.from_hub + centre.from_hub }
     }
 
     /// The state in the frame of the map's origin, as far as is known by now.
@@ -139,11 +185,12 @@ impl Sections {
     /// Begins a section at the present pose, whose error is `covariance`'s.
     pub(crate) fn begin(&mut self, state: &mut State, covariance: &mut Covariance) {
         if self.known.len() == MAX_SECTIONS {
-            self.give_up_one();
+            self.give_up_one(state, covariance);
         }
         let free = self.free_slot(state, covariance);
         self.known.iter_mut().filter(|section| section.slot.is_none()).for_each(|s| s.slot = Some(free));
         state.places[free] = Isometry3::identity();
+        self.centres[free] = self.here;
         let by_pose = -offset_by_pose(state);
         let rotation = state.rotation.to_rotation_matrix();
         let mut change = Covariance::identity();
@@ -159,8 +206,9 @@ impl Sections {
         *covariance = change * *covariance * change.transpose();
         add_variance(covariance, at::ROTATION, EXACT_ROTATION.powi(2));
         add_variance(covariance, at::POSITION, EXACT_POSITION.powi(2));
-        self.known.push(Section::here(self.next));
-        self.current = self.next;
+        let section = Section::here(self.next);
+        self.known.push(section);
+        self.here = section.as_centre();
         self.next = self.next.saturating_add(1);
     }
 
@@ -172,15 +220,15 @@ impl Sections {
 
     /// Counts errors relative to the older section `id` again, and goes over to its map frame.
     pub(crate) fn return_to(&mut self, id: SectionId, state: &mut State, covariance: &mut Covariance) {
-        let Section { slot: Some(slot), from_place, apart, .. } = self.section(id) else { return };
+        let section = self.section(id);
+        let Section { slot: Some(slot), from_place, .. } = section else { return };
         // The place that it may share with others becomes its own.
         state.places[slot] *= from_place;
         let here = at::clone(slot);
         let mut own = covariance.fixed_view_mut::<6, 6>(here, here);
-        own += apart;
+        own += self.apart(&section);
         for section in self.known.iter_mut().filter(|section| section.slot == Some(slot)) {
             section.from_place = from_place.inverse() * section.from_place;
-            section.apart += apart;
         }
         let mut change = Covariance::identity();
         change.fixed_view_mut::<6, 6>(0, here).copy_from(&-pose_by_offset(state));
@@ -203,11 +251,9 @@ impl Sections {
                 Some(other) if other == slot => None,
                 other => other,
             };
-            if section.id == id {
-                *section = Section::here(id);
-            }
         }
-        self.current = id;
+        self.centres[slot] = self.here;
+        self.here = section.as_centre();
     }
 
     fn section(&self, id: SectionId) -> Section {
@@ -219,32 +265,52 @@ impl Sections {
         self.known.iter().any(|section| section.slot == Some(slot))
     }
 
-    /// Gives up the oldest section that is neither the first nor the current one. Its cells are taken for its elder's, which is
-    /// known less well.
-    fn give_up_one(&mut self) {
-        let removable = |section: &Section| section.id != ORIGIN && section.id != self.current;
-        if let Some(index) = self.known.iter().position(removable) {
+    /// Gives up the section that lies best to its elder, for which its cells are taken from then on. The current one stays.
+    fn give_up_one(&mut self, state: &State, covariance: &Covariance) {
+        let loss = |index: usize| {
+            let (elder, section) = (&self.known[index - 1], &self.known[index]);
+            let between = self.place(elder.id, state).inverse() * self.place(section.id, state);
+            let variances = self.variances_between(elder, section, covariance);
+            let turn = between.rotation.angle().powi(2) + variances.fixed_rows::<3>(0).sum();
+            between.translation.vector.norm_squared()
+                + variances.fixed_rows::<3>(3).sum()
+                + turn * LEVER.powi(2)
+        };
+        let removable = (1..self.known.len()).filter(|index| self.known[*index].id != self.current());
+        if let Some(index) = removable.min_by(|a, b| loss(*a).total_cmp(&loss(*b))) {
             self.known.remove(index);
         }
     }
 
-    /// A clone that is free. If none is, the two places that are known best to each other become one; the origin's stays its own.
+    /// How uncertain a section lies to its elder, from which it was begun. Of those that share a place it is at best the
+    /// difference of their distances from the hub, and as a rule that, since the way from one to the other led on from the hub.
+    fn variances_between(
+        &self,
+        elder: &Section,
+        section: &Section,
+        covariance: &Covariance,
+    ) -> SVector<f64, 6> {
+        if elder.slot == section.slot {
+            return (section.from_hub - elder.from_hub).diagonal().abs();
+        }
+        let places = slots_apart(elder.slot, section.slot, covariance);
+        (places + self.apart(elder) + self.apart(section)).diagonal()
+    }
+
+    /// A clone that is free. If none is, the two places that are known best to each other become one: that of the
+    /// older sections, whose distances from their hub stay what they are.
     fn free_slot(&mut self, state: &State, covariance: &mut Covariance) -> usize {
-        let origin = self.section(ORIGIN).slot;
         let map = pose_by_offset(state);
+        let eldest =
+            |slot| self.known.iter().find(|section| section.slot == Some(slot)).map(|section| section.id);
         let mut closest: Option<(f64, usize, usize, PoseCovariance)> = None;
         for slot in 0..CLONES {
             if !self.is_used(slot) {
                 set_zero(covariance, slot);
                 return slot;
             }
-            for other in
-                (0..CLONES).filter(|other| *other != slot && self.is_used(*other) && origin != Some(slot))
-            {
-                let cross = block(covariance, slot, other);
-                let apart = block(covariance, slot, slot) + block(covariance, other, other)
-                    - cross
-                    - cross.transpose();
+            for other in (0..CLONES).filter(|other| self.is_used(*other) && eldest(*other) < eldest(slot)) {
+                let apart = slots_apart(Some(slot), Some(other), covariance);
                 let distance = (map * apart * map.transpose()).fixed_view::<3, 3>(3, 3).trace();
                 if closest.as_ref().is_none_or(|(least, ..)| distance < *least) {
                     closest = Some((distance, slot, other, apart));
@@ -253,10 +319,12 @@ impl Sections {
         }
         let Some((_, slot, other, apart)) = closest else { return CLONES - 1 };
         let other_from_slot = state.places[other].inverse() * state.places[slot];
+        let centre = self.centres[slot];
+        let hubs_apart = apart + centre.from_hub;
         for section in self.known.iter_mut().filter(|section| section.slot == Some(slot)) {
+            section.from_hub = if section.id == centre.id { apart } else { hubs_apart + section.from_hub };
             section.slot = Some(other);
             section.from_place = other_from_slot * section.from_place;
-            section.apart += apart;
         }
         set_zero(covariance, slot);
         slot
@@ -266,6 +334,15 @@ impl Sections {
 /// Covariance between two places.
 fn block(covariance: &Covariance, a: usize, b: usize) -> PoseCovariance {
     covariance.fixed_view::<6, 6>(at::clone(a), at::clone(b)).into_owned()
+}
+
+/// How uncertain two places lie to each other; none is the current section's own.
+fn slots_apart(a: Option<usize>, b: Option<usize>, covariance: &Covariance) -> PoseCovariance {
+    let own =
+        |slot: Option<usize>| slot.map_or_else(PoseCovariance::zeros, |slot| block(covariance, slot, slot));
+    let (Some(first), Some(second)) = (a, b) else { return own(a) + own(b) };
+    let cross = block(covariance, first, second);
+    own(a) + own(b) - cross - cross.transpose()
 }
 
 /// Takes a place for exact, whatever it was.
@@ -280,7 +357,7 @@ const EXACT_POSITION: f64 = 2e-3;
 
 #[cfg(test)]
 mod tests {
-    use evac_geometry::nalgebra::{Matrix3, Vector3};
+    use evac_geometry::nalgebra::{Matrix3, Point3, Vector3};
     use evac_geometry::{exp_so3, log_so3};
 
     use super::super::state::add_variance;
@@ -330,16 +407,55 @@ mod tests {
     }
 
     #[test]
-    fn more_sections_than_there_is_room_for_are_merged() {
+    fn of_more_sections_than_there_is_room_for_those_that_lie_best_to_their_elders_are_given_up() {
         let (mut state, mut covariance) = (state(), Covariance::zeros());
         let mut sections = Sections::new();
-        for _ in 0..200 {
-            add_variance(&mut covariance, at::POSITION, 1e-4 - EXACT_POSITION.powi(2));
+        let begun = 2 * MAX_SECTIONS as SectionId;
+        for id in 1..=begun {
+            // Each second one is begun a centimetre off, the others a decimetre.
+            let variance = if id % 2 == 0 { 1e-4 } else { 1e-2 };
+            add_variance(&mut covariance, at::POSITION, variance - EXACT_POSITION.powi(2));
             sections.begin(&mut state, &mut covariance);
         }
+        assert_eq!((sections.current(), sections.known.len()), (begun, MAX_SECTIONS));
+        let odd = sections.known.iter().filter(|section| section.id % 2 == 1).count();
+        assert!(odd > MAX_SECTIONS * 9 / 10, "{odd}");
         let along = |id| sections.pose_covariance(id, &state, &covariance)[(at::POSITION, at::POSITION)];
-        assert_eq!(sections.current(), 200);
-        assert!((along(0) - 0.02).abs() < 1e-3 && along(5) == along(0) && along(199) < 2e-4);
+        let way = f64::from(begun / 2) * (1e-4 + 1e-2);
+        assert!((along(0) / way - 1.0).abs() < 0.05 && along(begun - 1) < 2e-2, "{}", along(0));
+    }
+
+    #[test]
+    fn each_turn_among_sections_that_share_a_place_costs_no_more_than_the_first() {
+        let (mut state, mut covariance) = (state(), Covariance::zeros());
+        let mut sections = Sections::new();
+        for _ in 0..3 * CLONES {
+            add_variance(&mut covariance, at::POSITION, 1e-4);
+            sections.begin(&mut state, &mut covariance);
+        }
+        let last = sections.current();
+        let turn = |sections: &mut Sections, state: &mut State, covariance: &mut Covariance| {
+            for id in [ORIGIN, last, 3, 5, 1] {
+                sections.return_to(id, state, covariance);
+            }
+            (0..=last).map(|id| sections.pose_covariance(id, state, covariance)[(3, 3)]).fold(0.0, f64::max)
+        };
+        let (turns, first) = (100, turn(&mut sections, &mut state, &mut covariance));
+        let later = (0..turns).map(|_| turn(&mut sections, &mut state, &mut covariance)).fold(0.0, f64::max);
+        assert!(first > 5e-4 && later < f64::from(turns) * first, "{first} {later}");
+    }
+
+    #[test]
+    fn a_point_is_brought_into_the_frame_of_the_section_whose_cell_it_falls_into() {
+        let (mut state, mut covariance) = (state(), Covariance::zeros());
+        add_variance(&mut covariance, at::POSITION, 1e-2);
+        let mut sections = Sections::new();
+        sections.begin(&mut state, &mut covariance);
+        state.places[0] = Isometry3::new(Vector3::new(0.03, 0.0, -0.01), Vector3::new(0.0, 0.0, 0.01));
+        let point = Vector3::new(4.0, 2.0, 1.0);
+        let mut in_section = sections.to_frames(&state);
+        assert_eq!(in_section(1, &point), point);
+        assert!((state.places[0] * Point3::from(in_section(0, &point)) - Point3::from(point)).norm() < 1e-12);
     }
 
     /// The state and covariance after the error's part from `index` on has proved to be `value`.

@@ -18,7 +18,7 @@ use super::orientation::ScanOrientation;
 use super::plane_map::PlaneMap;
 use super::propagation::TracePoint;
 use super::report::waiting_frame;
-use super::sections::Sections;
+use super::sections::{SectionId, Sections};
 use crate::follow::{self, Following};
 
 /// Most points that go to the match and most that a frame is taken to have: 1000 in the match are enough.
@@ -289,7 +289,12 @@ impl Lio {
             self.sections.take().unwrap_or_else(Sections::new),
         );
         let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
-        insert_all(&mut self.map, &map_from_lidar, self.still.iter().map(|point| point.cast()));
+        insert_all(
+            &mut self.map,
+            &map_from_lidar,
+            self.still.iter().map(|point| point.cast()),
+            |_, point| *point,
+        );
         // A start in motion may yet come to stand.
         self.still.clear();
         if start.standing {
@@ -313,15 +318,17 @@ pub(crate) fn valid(point: &Point, config: &LioConfig) -> Option<Vector3<f64>> {
     (config.min_range_m..=config.max_range_m).contains(&position.norm()).then_some(position)
 }
 
-/// Adds points in LiDAR coordinates to the map.
+/// Adds points in LiDAR coordinates to the map. They belong to the current section, whose frame `map_from_lidar` leads to; `in_section`
+/// brings those that fall into other sections' cells into these sections' frames.
 pub(crate) fn insert_all(
     map: &mut PlaneMap,
     map_from_lidar: &Isometry3<f64>,
     points: impl Iterator<Item = Vector3<f64>>,
+    mut in_section: impl FnMut(SectionId, &Vector3<f64>) -> Vector3<f64>,
 ) {
     let rotation = map_from_lidar.rotation.to_rotation_matrix();
     for point in points {
         let way = rotation * point;
-        map.insert(&(way + map_from_lidar.translation.vector), &way.normalize());
+        map.insert_in(&(way + map_from_lidar.translation.vector), &way.normalize(), &mut in_section);
     }
 }
