@@ -149,13 +149,18 @@ fn accumulate(
     let sections = known.sections;
     let (mut total, mut joint) = (Information::default(), Joint::default());
     let by_offset = pose_by_offset(state);
+    let mut younger = None;
     for section in matches.chunk_by(|a, b| a.section == b.section) {
         let Some(id) = section.first().map(|matched| matched.section) else { continue };
         let there = state.moved(&sections.place(id, state).inverse());
         let sum = sum_of(known.map, section, &there, twist, always_false);
-        let is_anchor = sections.is_left(id) && id < sections.current() && sum.observes_position();
+        let is_anchor = sections.is_left(id) && sum.observes_position();
         if is_anchor && section.len() * ANCHOR_SHARE > matches.len() {
-            total.anchor = total.anchor.or(Some(id));
+            if id < sections.current() {
+                total.anchor = total.anchor.or(Some(id));
+            } else {
+                younger = younger.or(Some(id));
+            }
         }
         total.seen += sum.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION);
         if id == sections.current() {
@@ -174,6 +179,9 @@ fn accumulate(
             }
             _ => joint.add(&alone),
         }
+    }
+    if total.here * RESIDUAL_SHARE < matches.len() {
+        total.anchor = total.anchor.or(younger);
     }
     (total, joint)
 }

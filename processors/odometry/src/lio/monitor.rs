@@ -22,6 +22,8 @@ const WEAK_FRAMES: u32 = 3;
 const SEEN_SHARE: f64 = 0.5;
 /// What stands before the sensor takes away all but so much of what was seen before it ...
 const BLOCKED_SHARE: f64 = 0.4;
+/// ... which may have been little, as on stairs ...
+const HIDDEN_FROM: f64 = 0.2;
 /// ... and is nearer than so much of what is usually seen.
 const NEAR_SHARE: f64 = 0.6;
 /// Longest time that the IMU alone is gone by.
@@ -144,14 +146,17 @@ impl Monitor {
                 .while_lost(viewed && found && report.residual < FOUND_RESIDUAL && possible && is_placed);
         }
         // Something stands before the sensor: nothing says that the pose is wrong.
-        let fall = if self.recent_share > SEEN_SHARE { used_share / self.recent_share } else { 1.0 };
+        let falls_to =
+            |share: f64, from: f64| self.recent_share > from && used_share < share * self.recent_share;
         let is_near = expected.range_m < NEAR_SHARE * self.usual_range_m;
-        if possible && is_near && fall < BLOCKED_SHARE && self.frames_blocked < BLOCKED_FRAMES {
+        if possible && is_near && falls_to(BLOCKED_SHARE, HIDDEN_FROM) && self.frames_blocked < BLOCKED_FRAMES
+        {
             self.frames_blocked += 1;
             return Verdict::Blocked;
         }
+        let falls_suddenly = falls_to(SUDDEN_SHARE, SEEN_SHARE);
         let unblocked = std::mem::take(&mut self.frames_blocked) > 0;
-        let sudden = !expected.after_gap && !unblocked && report.selected > 100 && fall < SUDDEN_SHARE;
+        let sudden = !expected.after_gap && !unblocked && report.selected > 100 && falls_suddenly;
         let weak = sudden
             || viewed && (share < LOST_SHARE || report.residual > LOST_RESIDUAL)
             || expected.is_adrift && !found;
@@ -265,6 +270,22 @@ mod tests {
         // As sudden, but as far away as ever: a match that fails.
         assert_eq!(judge(2300, 4.0), Verdict::Good);
         assert_eq!(judge(20, 4.0), Verdict::Doubtful);
+    }
+
+    #[test]
+    fn a_view_of_which_little_was_known_as_down_a_stair_can_be_hidden_too() {
+        let (mut monitor, config) = (Monitor::default(), LioConfig::default());
+        let mut judge = |in_view: usize, range_m: f64| {
+            let seen = Report { in_view, ..report(in_view, 0.9, 0.05) };
+            let expected = Expected { range_m, ..Expected::default() };
+            monitor.judge(&seen, expected, &standing(), &config)
+        };
+        for _ in 0..50 {
+            assert_eq!(judge(1000, 4.0), Verdict::Good);
+        }
+        assert_eq!(judge(10, 0.5), Verdict::Blocked);
+        // As far away as ever it is new ground.
+        assert_eq!(judge(10, 4.0), Verdict::Good);
     }
 
     #[test]
