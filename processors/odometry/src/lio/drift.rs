@@ -6,6 +6,10 @@
 //! against what is in view. So each piece of ground remembers how uncertain its place was when it was laid: as uncertain as what was in
 //! view then, and as the pose against that. The pose is published with the uncertainty against what is in view and that of what is
 //! in view against the origin, which on old ground is again what it was there.
+//!
+//! Back on old ground the pose steps by what has drifted since: gravity and velocity, known against the newer ground, turn along with it
+//! only if the filter knows that the ground may be turned. Otherwise gravity lies askew by a tenth of a degree, and in the next corridor that makes
+//! decimetres.
 
 use super::offset::PoseCovariance;
 
@@ -17,6 +21,9 @@ const MAX_PIECES: usize = 1024;
 /// by one pose's; the mean over a view whose ground grows steadily worse is that of its middle, and half of the newest is half a
 /// view's growth ahead of it.
 const INHERITED: f64 = 0.5;
+
+/// How fast the pose is counted against newer ground in view, of the way there in a scan.
+const FOLLOWING: f64 = 0.1;
 
 /// Number of a piece of ground, in the order in which they were laid.
 pub(crate) type Piece = u32;
@@ -32,6 +39,8 @@ pub(crate) struct Drift {
     /// How much of a piece is laid since the newest began, in pieces.
     laid: f64,
     view: PoseCovariance,
+    /// Drift of the ground that the pose is counted against.
+    counted: PoseCovariance,
 }
 
 impl Drift {
@@ -42,6 +51,7 @@ impl Drift {
             tally: vec![0; MAX_PIECES],
             laid: 0.0,
             view: PoseCovariance::zeros(),
+            counted: PoseCovariance::zeros(),
         };
         drift.clear();
         drift
@@ -51,7 +61,8 @@ impl Drift {
     pub(crate) fn clear(&mut self) {
         self.pieces.clear();
         self.pieces.push(PoseCovariance::zeros());
-        (self.merged, self.laid, self.view) = (0, 0.0, PoseCovariance::zeros());
+        (self.merged, self.laid) = (0, 0.0);
+        (self.view, self.counted) = (PoseCovariance::zeros(), PoseCovariance::zeros());
     }
 
     /// The piece that new cells belong to.
@@ -81,6 +92,20 @@ impl Drift {
         for (drift, points) in self.pieces.iter().zip(&self.tally).filter(|(_, points)| **points > 0) {
             self.view += drift * (f64::from(*points) / f64::from(count));
         }
+    }
+
+    /// How uncertain the ground in view lies to that which the pose was counted against, if it is older: by what that had
+    /// drifted more. Newer ground is laid from the pose itself.
+    pub(crate) fn come_back(&mut self) -> Option<PoseCovariance> {
+        let turn = |drift: &PoseCovariance| drift.fixed_view::<3, 3>(0, 0).trace();
+        let (now, before) = (turn(&self.view), turn(&self.counted));
+        if now >= before {
+            self.counted += (self.view - self.counted) * FOLLOWING;
+            return None;
+        }
+        let back = self.counted * (1.0 - now / before);
+        self.counted = self.view;
+        Some(back)
     }
 
     /// A scan of which the share `unseen` shows new ground is laid from a pose whose error is `pose`, as a displacement of the map.
@@ -144,6 +169,20 @@ mod tests {
         let there = drift.current();
         drift.look([there].into_iter());
         assert!(drift.of_view()[(3, 3)] < far / 5.0);
+    }
+
+    #[test]
+    fn old_ground_that_comes_into_view_is_as_uncertain_as_what_has_drifted_since_and_only_once() {
+        let mut drift = Drift::new();
+        let far = walk(&mut drift, 10);
+        assert_eq!(drift.come_back(), None);
+        for _ in 0..100 {
+            assert_eq!(drift.come_back(), None);
+        }
+        drift.look([0; 100].into_iter());
+        let back = drift.come_back().unwrap()[(3, 3)];
+        assert!((back / far - 1.0).abs() < 0.01, "{back} {far}");
+        assert_eq!(drift.come_back(), None);
     }
 
     #[test]

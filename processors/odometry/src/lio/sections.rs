@@ -14,12 +14,12 @@
 //! stretch, and where gravity is not where the map has it, the section is tilted. The published pose is the one relative to the first
 //! section. Of older sections the place is kept as it was known last.
 
-use evac_geometry::nalgebra::{Isometry3, SVector, Vector3};
+use evac_geometry::nalgebra::{Isometry3, SMatrix, SVector, Vector3};
 use evac_geometry::skew;
 
 use super::drift::Drift;
 use super::offset::{PoseCovariance, offset_by_pose, pose_by_offset};
-use super::state::{CLONES, Covariance, State, add_variance, at};
+use super::state::{CLONES, Covariance, DIM, State, add_variance, at};
 
 /// Sections that are told apart, 100 kB; beyond them those that lie best to their elders are taken for these.
 pub(crate) const MAX_SECTIONS: usize = 256;
@@ -182,6 +182,26 @@ impl Sections {
         pose - cross - cross.transpose()
     }
 
+    /// Makes the ground in view uncertain by `offset` against all that was known up to now.
+    pub(crate) fn displace(&self, offset: &PoseCovariance, state: &State, covariance: &mut Covariance) {
+        let change = self.by_ground(state);
+        *covariance += change * offset * change.transpose();
+    }
+
+    /// The error's derivative by a displacement of the ground that errors are counted against.
+    fn by_ground(&self, state: &State) -> SMatrix<f64, DIM, 6> {
+        let mut change = SMatrix::<f64, DIM, 6>::zeros();
+        change.fixed_view_mut::<6, 6>(0, 0).copy_from(&-pose_by_offset(state));
+        // Velocity and gravity turn along with the map.
+        for (index, vector) in [(at::VELOCITY, &state.velocity), (at::GRAVITY, &state.gravity)] {
+            change.fixed_view_mut::<3, 3>(index, 0).copy_from(&skew(vector));
+        }
+        for slot in (0..CLONES).filter(|slot| self.is_used(*slot)) {
+            change.fixed_view_mut::<6, 6>(at::clone(slot), 0).copy_from(&-PoseCovariance::identity());
+        }
+        change
+    }
+
     /// Begins a section at the present pose, whose error is `covariance`'s.
     pub(crate) fn begin(&mut self, state: &mut State, covariance: &mut Covariance) {
         if self.known.len() == MAX_SECTIONS {
@@ -231,14 +251,9 @@ impl Sections {
             section.from_place = from_place.inverse() * section.from_place;
         }
         let mut change = Covariance::identity();
-        change.fixed_view_mut::<6, 6>(0, here).copy_from(&-pose_by_offset(state));
-        // Velocity and gravity turn along with the map.
-        for (index, vector) in [(at::VELOCITY, &state.velocity), (at::GRAVITY, &state.gravity)] {
-            change.fixed_view_mut::<3, 3>(index, here).copy_from(&skew(vector));
-        }
+        change.fixed_columns_mut::<6>(here).copy_from(&self.by_ground(state));
         let there_from_current = state.places[slot].inverse();
         for other in (0..CLONES).filter(|other| self.is_used(*other)) {
-            change.fixed_view_mut::<6, 6>(at::clone(other), here).copy_from(&-PoseCovariance::identity());
             state.places[other] = there_from_current * state.places[other];
         }
         // The section that is left takes the slot of the one that is returned to.
@@ -495,6 +510,26 @@ mod tests {
         assert!((way - wrong * seconds).norm() < 1e-3, "{way}");
         let sigma = sections.origin_covariance(&corrected, &covariance)[(at::POSITION, at::POSITION)].sqrt();
         assert!(sigma < 0.01, "{sigma}");
+    }
+
+    #[test]
+    fn ground_that_lies_askew_turns_the_pose_and_gravity_and_velocity_with_it() {
+        let (state, mut covariance) = (state(), Covariance::zeros());
+        let mut offset = PoseCovariance::zeros();
+        for axis in 0..3 {
+            offset[(axis, axis)] = 2e-3_f64.powi(2);
+        }
+        Sections::new().displace(&offset, &state, &mut covariance);
+        // The scan shows that the rig is turned against this ground by a tenth of a degree.
+        let turn = Vector3::new(1e-3, -1e-3, 1e-3);
+        let (corrected, _) = told(&state, &covariance, at::ROTATION, &turn);
+        assert!((log_so3(&(state.rotation.inverse() * corrected.rotation)) - turn).norm() < 1e-5);
+        let seen_by_the_imu = |state: &State, vector: &Vector3<f64>| state.rotation.inverse() * vector;
+        for vector in [|state: &State| state.gravity, |state: &State| state.velocity] {
+            let (before, after) = (vector(&state), vector(&corrected));
+            let change = seen_by_the_imu(&corrected, &after) - seen_by_the_imu(&state, &before);
+            assert!(change.norm() < 1e-4 * before.norm() && (after - before).norm() > 5e-4, "{change}");
+        }
     }
 
     #[test]

@@ -69,6 +69,9 @@ impl Lio {
         }
         filter.observe(&report);
         filter.sections.drift.look(self.matches.iter().map(|matched| matched.piece));
+        if let Some(back) = filter.sections.drift.come_back() {
+            filter.sections.displace(&back, &filter.state, &mut filter.covariance);
+        }
         if !filter.is_finite() {
             (filter.state, filter.covariance) = before;
             filter.loosen();
