@@ -13,7 +13,7 @@ use super::state::{Covariance, Error, State, at};
 
 /// An older section must have one match in so many to be returned to.
 const ANCHOR_SHARE: usize = 3;
-/// The present section must have one match in so many for its residuals to count.
+/// The present section must have one match in so many for its residuals to count, and not to be left for a younger one.
 const RESIDUAL_SHARE: usize = 10;
 /// A section's place is estimated along while it is known to this, metres (standard deviation). Beyond, a false plane that the wide gate
 /// lets in would move the place once and for good.
@@ -49,7 +49,8 @@ pub(crate) struct Report {
     pub(crate) residual: f64,
     /// Normalised innovation squared of the pose correction, per degree of freedom; healthy: below 1.
     pub(crate) nis: f64,
-    /// The oldest section of the map that is older than the present one and shows the whole position by itself.
+    /// The oldest section of the map that shows the whole position by itself and is older than the present one, or younger where that is
+    /// hardly seen.
     pub(crate) anchor: Option<SectionId>,
     /// Information on the position, 1/m^2, map frame.
     pub(crate) position_information: Matrix3<f64>,
@@ -253,6 +254,42 @@ mod tests {
         let open = Degeneracy::of(&report.seen_information);
         assert_eq!(open.count, 2);
         assert!(open.axes[..2].iter().all(|axis| axis.x.abs() < 0.1), "{open:?}");
+    }
+
+    /// Floor and two walls of a room, laid as the given sections, and every seventh point of them.
+    fn corner(sections: [SectionId; 3]) -> (PlaneMap, Vec<Selected>) {
+        let (mut map, mut selected) = (PlaneMap::new(8192, 0.02), Vec::new());
+        for (axis, section) in sections.into_iter().enumerate() {
+            map.next_frame(section, 0);
+            for i in 0..8000 {
+                let noise = if (i / 90 + i) % 2 == 0 { 0.015 } else { -0.015 };
+                let mut point = Vector3::repeat(2.0 + noise);
+                point[(axis + 1) % 3] = f64::from(i % 90) * 0.02 - 0.9;
+                point[(axis + 2) % 3] = f64::from(i / 90) * 0.02 - 0.9;
+                map.insert(&point, &Vector3::ith(axis, 1.0));
+                if i % 7 == 0 {
+                    selected.push(select(&Isometry3::identity(), &point));
+                }
+            }
+        }
+        (map, selected)
+    }
+
+    #[test]
+    fn a_section_that_is_out_of_sight_is_left_for_any_that_shows_where_one_is() {
+        let (mut state, mut covariance) = (State::at_origin(), Covariance::zeros());
+        add_variance(&mut covariance, at::POSITION, 1e-4);
+        let mut sections = Sections::new();
+        sections.begin(&mut state, &mut covariance);
+        let mut anchor = |sections: &Sections, of: [SectionId; 3]| {
+            matched(&corner(of), sections, &mut state, &mut covariance.clone()).anchor
+        };
+        assert_eq!(anchor(&sections, [0, 0, 0]), Some(0));
+        sections.return_to(0, &mut State::at_origin(), &mut Covariance::zeros());
+        assert_eq!(anchor(&sections, [1, 1, 1]), Some(1));
+        // Two walls do not show where along them one is, and the present section's count more than a younger one's.
+        assert_eq!(anchor(&sections, [0, 1, 1]), None);
+        assert_eq!(anchor(&sections, [0, 0, 0]), None);
     }
 
     #[test]
