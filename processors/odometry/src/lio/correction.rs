@@ -13,7 +13,7 @@ use super::state::{Covariance, Error, State, at};
 
 /// An older section must have one match in so many to be returned to.
 const ANCHOR_SHARE: usize = 3;
-/// The present section must have one match in so many for its residuals to count, and not to be left for a younger one.
+/// The present section must have one match in so many for its residuals to count.
 const RESIDUAL_SHARE: usize = 10;
 /// A section's place is estimated along while it is known to this, metres (standard deviation). Beyond, a false plane that the wide gate
 /// lets in would move the place once and for good.
@@ -49,8 +49,7 @@ pub(crate) struct Report {
     pub(crate) residual: f64,
     /// Normalised innovation squared of the pose correction, per degree of freedom; healthy: below 1.
     pub(crate) nis: f64,
-    /// The oldest section of the map that shows the whole position by itself and is older than the present one, or younger where that is
-    /// hardly seen.
+    /// The oldest section of the map that is older than the present one and shows the whole position by itself.
     pub(crate) anchor: Option<SectionId>,
     /// Information on the position, 1/m^2, map frame.
     pub(crate) position_information: Matrix3<f64>,
@@ -150,18 +149,13 @@ fn accumulate(
     let sections = known.sections;
     let (mut total, mut joint) = (Information::default(), Joint::default());
     let by_offset = pose_by_offset(state);
-    let mut younger = None;
     for section in matches.chunk_by(|a, b| a.section == b.section) {
         let Some(id) = section.first().map(|matched| matched.section) else { continue };
         let there = state.moved(&sections.place(id, state).inverse());
         let sum = sum_of(known.map, section, &there, twist, always_false);
-        let is_anchor = sections.is_left(id) && sum.observes_position();
+        let is_anchor = sections.is_left(id) && id < sections.current() && sum.observes_position();
         if is_anchor && section.len() * ANCHOR_SHARE > matches.len() {
-            if id < sections.current() {
-                total.anchor = total.anchor.or(Some(id));
-            } else {
-                younger = younger.or(Some(id));
-            }
+            total.anchor = total.anchor.or(Some(id));
         }
         total.seen += sum.matrix.fixed_view::<3, 3>(at::POSITION, at::POSITION);
         if id == sections.current() {
@@ -180,9 +174,6 @@ fn accumulate(
             }
             _ => joint.add(&alone),
         }
-    }
-    if total.here * RESIDUAL_SHARE < matches.len() {
-        total.anchor = total.anchor.or(younger);
     }
     (total, joint)
 }
@@ -254,42 +245,6 @@ mod tests {
         let open = Degeneracy::of(&report.seen_information);
         assert_eq!(open.count, 2);
         assert!(open.axes[..2].iter().all(|axis| axis.x.abs() < 0.1), "{open:?}");
-    }
-
-    /// Floor and two walls of a room, laid as the given sections, and every seventh point of them.
-    fn corner(sections: [SectionId; 3]) -> (PlaneMap, Vec<Selected>) {
-        let (mut map, mut selected) = (PlaneMap::new(8192, 0.02), Vec::new());
-        for (axis, section) in sections.into_iter().enumerate() {
-            map.next_frame(section, 0);
-            for i in 0..8000 {
-                let noise = if (i / 90 + i) % 2 == 0 { 0.015 } else { -0.015 };
-                let mut point = Vector3::repeat(2.0 + noise);
-                point[(axis + 1) % 3] = f64::from(i % 90) * 0.02 - 0.9;
-                point[(axis + 2) % 3] = f64::from(i / 90) * 0.02 - 0.9;
-                map.insert(&point, &Vector3::ith(axis, 1.0));
-                if i % 7 == 0 {
-                    selected.push(select(&Isometry3::identity(), &point));
-                }
-            }
-        }
-        (map, selected)
-    }
-
-    #[test]
-    fn a_section_that_is_out_of_sight_is_left_for_any_that_shows_where_one_is() {
-        let (mut state, mut covariance) = (State::at_origin(), Covariance::zeros());
-        add_variance(&mut covariance, at::POSITION, 1e-4);
-        let mut sections = Sections::new();
-        sections.begin(&mut state, &mut covariance);
-        let mut anchor = |sections: &Sections, of: [SectionId; 3]| {
-            matched(&corner(of), sections, &mut state, &mut covariance.clone()).anchor
-        };
-        assert_eq!(anchor(&sections, [0, 0, 0]), Some(0));
-        sections.return_to(0, &mut State::at_origin(), &mut Covariance::zeros());
-        assert_eq!(anchor(&sections, [1, 1, 1]), Some(1));
-        // Two walls do not show where along them one is, and the present section's count more than a younger one's.
-        assert_eq!(anchor(&sections, [0, 1, 1]), None);
-        assert_eq!(anchor(&sections, [0, 0, 0]), None);
     }
 
     #[test]

@@ -6,8 +6,7 @@
 //! becomes a section of its own. From then on the filter's errors are counted relative to it, where the pose that it is
 //! begun from is exact by definition and velocity and tilt keep what they are unsure of. How older sections lie to it is
 //! uncertain by what the pose was. Where an older section is seen well again, errors are counted relative to
-//! that one once more, and the pose comes back to it; so they are relative to a younger one where the present one is out of sight
-//! ([`passage`]). Cells keep the frame of their section, and so do points that are added to them.
+//! that one once more, and the pose comes back to it ([`passage`]). Cells keep the frame of their section, and so do points that are added to them.
 //!
 //! The places of the first section and of the last few are part of the state (stochastic cloning, Roumeliotis and Burdick 2002): what made
 //! the pose uncertain made velocity and tilt so too, and both are seen soon after the corner. Through their correlation the
