@@ -127,14 +127,6 @@ fn top_shows_all_stages_on_a_terminal_of_any_size_and_leaves_it_as_it_was() {
     wide.wait_for("a narrow table", |text| text.contains("lio") && !text.contains("restarts"));
     wide.type_keys("q");
     assert_eq!(wide.end(), 0);
-    // A key that comes together with a change of size, as it does when the machine is busy.
-    let mut busy = Terminal::start(bench.evac(args), (40, 170));
-    busy.wait_for("all stages", |text| STAGES.iter().all(|stage| text.contains(stage)));
-    busy.signal(Signal::STOP);
-    busy.resize((40, 60));
-    busy.type_keys("q");
-    busy.signal(Signal::CONT);
-    assert_eq!(busy.end(), 0);
     // Small: it scrolls.
     let mut small = Terminal::start(bench.evac(args), (7, 44));
     let text =
