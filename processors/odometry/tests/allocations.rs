@@ -8,7 +8,7 @@ use common::room::{Room, glide};
 use evac_frames::scan_flags;
 use evac_geometry::nalgebra::Vector3;
 use evac_odometry::{Lio, Loam};
-use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu};
+use evac_stage::{Counters, PoseOutput, Rig};
 use evac_testkit::{CountingAllocator, count_allocations};
 
 #[global_allocator]
@@ -40,13 +40,7 @@ fn assert_no_allocation<S: Odometry>(deskewed: bool) {
     let mut allocations = 0;
     for (seq, frame) in frames.iter_mut().enumerate() {
         frame.header.scan_flags |= if deskewed { scan_flags::DESKEWED } else { 0 };
-        let input = ScanWithImu {
-            header: &frame.header,
-            points: &frame.points,
-            imu: &frame.imu,
-            imu_covers: true,
-            prior: None,
-        };
+        let input = frame.input();
         let made = count_allocations(|| odometry.process(input, &mut output, &mut counters).unwrap());
         // The first frame makes the output's own buffer.
         allocations += if seq > 0 { made } else { 0 };

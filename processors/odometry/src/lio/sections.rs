@@ -38,7 +38,7 @@ pub(crate) struct Sections {
     next: SectionId,
     /// The section whose place each clone holds exactly; the sections that share the clone lie around it.
     centres: [Centre; CLONES],
-    /// The current section, which is the centre of those that share no clone with others but its own place.
+    /// The current section, the centre of those that lie as it does.
     here: Centre,
     /// What new ground adds within sections.
     pub(crate) drift: Drift,

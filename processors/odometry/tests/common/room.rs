@@ -3,6 +3,7 @@
 use evac_frames::{ImuSample, Point, PoseFrame, ScanHeader, frame_flags};
 use evac_geometry::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use evac_geometry::{STANDARD_GRAVITY, log_so3};
+use evac_stage::ScanWithImu;
 
 use super::{Odometry, Pipeline};
 
@@ -120,6 +121,17 @@ pub struct Frame {
 impl Frame {
     pub fn feed<S: Odometry>(&self, pipeline: &mut Pipeline<S>) -> PoseFrame {
         pipeline.feed(&self.header, &self.points, &self.imu)
+    }
+
+    /// As an odometry takes it that no deskewer stands before.
+    pub fn input(&self) -> ScanWithImu<'_> {
+        ScanWithImu {
+            header: &self.header,
+            points: &self.points,
+            imu: &self.imu,
+            imu_covers: true,
+            prior: None,
+        }
     }
 }
 

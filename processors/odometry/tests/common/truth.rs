@@ -3,7 +3,7 @@
 use evac_frames::{PoseFrame, TrackingState};
 use evac_geometry::map_from_lidar;
 use evac_odometry::{Lio, LioConfig};
-use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu, Stage};
+use evac_stage::{Counters, PoseOutput, Rig, Stage};
 
 use super::Pipeline;
 use super::room::Frame;
@@ -42,14 +42,7 @@ pub fn odometry_alone(frames: &[Frame]) -> (Vec<PoseFrame>, Counters, Lio) {
     let mut lio = Lio::new(LioConfig::default(), &Rig::default()).unwrap();
     let (mut output, mut counters) = (PoseOutput::default(), Counters::default());
     for frame in frames {
-        let input = ScanWithImu {
-            header: &frame.header,
-            points: &frame.points,
-            imu: &frame.imu,
-            imu_covers: true,
-            prior: None,
-        };
-        lio.process(input, &mut output, &mut counters).unwrap();
+        lio.process(frame.input(), &mut output, &mut counters).unwrap();
     }
     (output.memory, counters, lio)
 }

@@ -2,7 +2,7 @@
 
 use evac_frames::Point;
 use evac_geometry::nalgebra::Vector3;
-use evac_stage::{Counters, PoseOutput, Rig, ScanWithImu};
+use evac_stage::{Counters, PoseOutput, Rig};
 
 use super::common::room::{Room, glide};
 use super::motions::shift;
@@ -20,14 +20,7 @@ pub(super) fn values_that_are_not_finite_are_dropped_counted_and_never_published
         frame.imu[11].accel[0] = f64::INFINITY;
         frame.header.scan_flags |= evac_frames::scan_flags::DESKEWED;
         // Straight into the odometry: the deskewer would drop them first.
-        let input = ScanWithImu {
-            header: &frame.header,
-            points: &frame.points,
-            imu: &frame.imu,
-            imu_covers: true,
-            prior: None,
-        };
-        odometry.process(input, &mut output, &mut counters).unwrap();
+        odometry.process(frame.input(), &mut output, &mut counters).unwrap();
     }
     assert_sound(&output.memory);
     assert_eq!(counters.rejected, 200 * frames.len() as u64);

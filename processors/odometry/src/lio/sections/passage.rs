@@ -62,7 +62,7 @@ impl Sections {
         self.next = self.next.saturating_add(1);
     }
 
-    /// Makes all that is known so far uncertain by `offset` (rotation, displacement) against what will be laid now.
+    /// Makes all that is known so far as uncertain against what will be laid now as `pose` says.
     pub(crate) fn doubt(&mut self, state: &mut State, covariance: &mut Covariance, pose: &PoseCovariance) {
         covariance.fixed_view_mut::<6, 6>(0, 0).copy_from(pose);
         self.begin(state, covariance);
