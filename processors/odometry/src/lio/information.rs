@@ -2,7 +2,6 @@
 
 use evac_geometry::nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use super::cell::Plane;
 use super::degeneracy::{Degeneracy, OBSERVED};
 use super::deskew::Twist;
 use super::matching::{Match, pose_row};
@@ -65,17 +64,21 @@ pub(crate) fn sum_of(
     let mut total = Information::default();
     let (mut turned, mut moved) = (Matrix3::zeros(), Matrix3::identity() * always_false);
     for cell in matches.chunk_by(|a, b| a.cell == b.cell) {
+        let Some(plane) = cell.first().and_then(|matched| map.plane(matched.cell as usize)) else { continue };
+        let normal = plane.normal;
+        let offset = normal.dot(&plane.centroid);
+        let normal_in_imu = rotation.inverse_transform_vector(&normal);
+        let approach = normal.dot(&twist.velocity);
         let mut matrix = Measured::zeros();
         let mut vector = SVector::<f64, MEASURED>::zeros();
         let mut shared = 0.0;
         let (mut weights, mut centre) = (0.0, Vector3::zeros());
         for m in cell {
-            let residual = m.normal.dot(&(rotation * m.point + state.position)) - m.offset;
+            let residual = normal.dot(&(rotation * m.point + state.position)) - offset;
             let squared = residual * residual / m.point_variance;
             let weight = 1.0 / (INFLATION * m.point_variance * (1.0 + squared / CAUCHY_SQUARED));
-            let normal_in_imu = rotation.inverse_transform_vector(&m.normal);
-            let pose = pose_row(&normal_in_imu, &m.normal, &m.point);
-            let by_offset = -(m.normal.dot(&twist.velocity) + normal_in_imu.dot(&twist.rate.cross(&m.point)));
+            let pose = pose_row(&normal_in_imu, &normal, &m.point);
+            let by_offset = -(approach + normal_in_imu.dot(&twist.rate.cross(&m.point)));
             let h = SVector::<f64, MEASURED>::from([
                 pose[0], pose[1], pose[2], pose[3], pose[4], pose[5], by_offset,
             ]);
@@ -90,9 +93,7 @@ pub(crate) fn sum_of(
         let scale = 1.0 / (1.0 + shared);
         total.matrix += matrix * scale;
         total.vector += vector * scale;
-        for tilt in
-            cell.first().and_then(|matched| map.plane(matched.cell)).map(Plane::tilts).into_iter().flatten()
-        {
+        for tilt in plane.tilts() {
             let row = pose_row(&rotation.inverse_transform_vector(&tilt), &tilt, &(centre / weights));
             let (turn, shift) = (row.fixed_rows::<3>(at::ROTATION), row.fixed_rows::<3>(at::POSITION));
             turned += turn * turn.transpose() * (weights * scale * TILT_WEIGHT);

@@ -5,9 +5,10 @@ use evac_geometry::nalgebra::{Isometry3, Point3, SVector, Vector3};
 use super::cell::POINT_FLOOR;
 use super::drift::Piece;
 use super::offset::PoseCovariance;
-use super::plane_map::{EDGES, PlaneMap};
+use super::plane_map::PlaneMap;
 use super::sections::{SectionId, Sections};
 use super::state::{Covariance, State};
+use super::voxel::{EDGES, Voxel};
 
 /// Gate on the residual in standard deviations, squared.
 const GATE_SQUARED: f64 = 9.0;
@@ -33,24 +34,27 @@ pub(crate) struct Selected {
 pub(crate) struct Match {
     /// Section of the map that the plane belongs to: planes of one section share the error of its place.
     pub(crate) section: SectionId,
-    /// Index of the plane's cell: matches of one cell share that plane's error.
-    pub(crate) cell: usize,
+    /// Index of the plane's cell: matches of one cell share that plane and its error.
+    pub(crate) cell: u32,
     /// Piece of ground that the cell belongs to.
     pub(crate) piece: Piece,
     /// Number of the point among those selected.
     order: u32,
     /// In the IMU frame.
     pub(crate) point: Vector3<f64>,
-    /// Unit normal, the section's map frame.
-    pub(crate) normal: Vector3<f64>,
-    /// `normal . centroid`.
-    pub(crate) offset: f64,
     /// Variance of the point along the normal, the gate's floor included: far off as yet, a point must not count as an
     /// outlier.
     pub(crate) point_variance: f64,
     /// Variance of the plane at the point, as far as its points share it. Scans that follow each other see the same bumps
     /// of a rough surface: these do not average out, so the whole roughness counts.
     pub(crate) plane_variance: f64,
+}
+
+impl Match {
+    /// Section, cell and number in one.
+    fn rank(&self) -> u128 {
+        (u128::from(self.section) << 64) | (u128::from(self.cell) << 32) | u128::from(self.order)
+    }
 }
 
 /// What is matched with.
@@ -100,18 +104,20 @@ pub(crate) fn associate(
     matches.clear();
     let rotation = state.rotation.to_rotation_matrix();
     let mut view = View::default();
-    // Neighbouring points mostly see the same section.
-    let mut recent = (sections.current(), PoseCovariance::zeros(), Isometry3::identity());
+    // Neighbouring points mostly see the same section, and that the current one, whose place is exact.
+    let here = sections.current();
+    let mut recent = (here, PoseCovariance::zeros(), Isometry3::identity());
     for (order, candidate) in (0..).zip(selected) {
         let point = rotation * candidate.point + state.position;
         let beam = rotation * candidate.beam;
         let (mut seen, mut known) = (false, false);
         let mut best: Option<(f64, Match)> = None;
+        let voxel = Voxel::of(&point);
         for level in 0..EDGES.len() {
-            let Some((index, cell)) = map.find(level, &point) else { continue };
+            let Some((index, cell)) = voxel.and_then(|voxel| map.find(level, &voxel)) else { continue };
             known = level + 1 == EDGES.len() && cell.is_ripe();
             let Some(plane) = cell.plane() else { continue };
-            if cell.section != recent.0 {
+            if cell.section != here && cell.section != recent.0 {
                 let id = cell.section;
                 recent = (
                     id,
@@ -119,8 +125,9 @@ pub(crate) fn associate(
                     sections.place(id, state).inverse(),
                 );
             }
+            let is_here = cell.section == here;
             // In the map frame of the cell's section.
-            let point = (recent.2 * Point3::from(point)).coords;
+            let point = if is_here { point } else { (recent.2 * Point3::from(point)).coords };
             let leverage = plane.leverage(&point);
             if leverage > MAX_LEVERAGE {
                 continue;
@@ -137,17 +144,16 @@ pub(crate) fn associate(
             let h =
                 pose_row(&rotation.inverse_transform_vector(&plane.normal), &plane.normal, &candidate.point);
             let pose_variance = h.dot(&(predicted * h));
-            let mut variance = total + gate_floor * gate_floor + h.dot(&(recent.1 * h));
+            let mut variance = total + gate_floor * gate_floor;
+            variance += if is_here { 0.0 } else { h.dot(&(recent.1 * h)) };
             variance += if first { pose_variance } else { 0.0 };
             if residual * residual < GATE_SQUARED * variance {
                 let matched = Match {
                     section: cell.section,
-                    cell: index,
+                    cell: index as u32,
                     piece: cell.piece,
                     order,
                     point: candidate.point,
-                    normal: plane.normal,
-                    offset: plane.normal.dot(&plane.centroid),
                     point_variance: point_variance + gate_floor * gate_floor,
                     plane_variance: fit_variance + plane.roughness + pose_variance * DOUBT,
                 };
@@ -163,7 +169,7 @@ pub(crate) fn associate(
         view.known += usize::from(seen || known);
     }
     // One section's and one cell's matches side by side, in an order that keeps sums reproducible.
-    matches.sort_unstable_by_key(|matched| (matched.section, matched.cell, matched.order));
+    matches.sort_unstable_by_key(Match::rank);
     view
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A frame's way: [`stage`] takes it in and waits for the start ([`initialisation`], [`batch_means`], [`glide`]); then [`tracking`] carries the
 //! [`filter`] on by the IMU ([`imu`], [`propagation`], [`habit`]), brings points to the frame's end where that was not done ([`deskew`]), matches
-//! them with planes ([`matching`], [`plane_map`], [`cell`]), corrects ([`correction`], [`joint`]), says what was not observed
+//! them with planes ([`matching`], [`plane_map`], [`voxel`], [`cell`]), corrects ([`correction`], [`joint`]), says what was not observed
 //! ([`degeneracy`]), judges and maps ([`mapping`], [`monitor`], [`settling`], [`sections`]), and reports ([`report`]). The offset between the
 //! clocks is searched for meanwhile ([`scout`], [`offset_search`]). A standby follows another odometry instead ([`follow`]).
 //!
@@ -40,6 +40,7 @@ mod settling;
 mod stage;
 mod state;
 mod tracking;
+mod voxel;
 
 pub use config::LioConfig;
 pub use orientation::ScanOrientation;

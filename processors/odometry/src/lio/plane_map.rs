@@ -5,13 +5,10 @@ use evac_geometry::nalgebra::Vector3;
 use super::cell::{Cell, Plane};
 use super::drift::Piece;
 use super::sections::SectionId;
+use super::voxel::{EDGES, Voxel};
 
-/// Edges of the levels, metres, coarse to fine. Large planes with thousands of hits come first in the match: their
-/// normals are exact to 1e-4 rad, so a blank wall pulls nothing sideways.
-pub(crate) const EDGES: [f64; 4] = [1.6, 0.8, 0.4, 0.2];
 /// Candidates looked at for one eviction.
 const EVICTION_SAMPLE: usize = 16;
-const COORDINATE_BITS: u32 = 20;
 const EMPTY: u64 = 0;
 
 /// Voxels of all levels behind one open-addressing table; both are allocated once.
@@ -86,8 +83,9 @@ impl PlaneMap {
         beam: &Vector3<f64>,
         in_section: &mut impl FnMut(SectionId, &Vector3<f64>) -> Vector3<f64>,
     ) {
+        let Some(voxel) = Voxel::of(point) else { return };
         for (level, edge) in EDGES.iter().enumerate() {
-            let Some(key) = key(level, *edge, point) else { return };
+            let key = voxel.key(level);
             let index = match self.recent[level] {
                 (recent, index) if recent == key => index,
                 _ => self.find_or_create(key),
@@ -105,10 +103,9 @@ impl PlaneMap {
         }
     }
 
-    /// The cell of `point` at `level`, with its index.
-    pub(crate) fn find(&self, level: usize, point: &Vector3<f64>) -> Option<(usize, &Cell)> {
-        let key = key(level, *EDGES.get(level)?, point)?;
-        let slot = self.slots[self.slot_of(key)];
+    /// The cell of `level` that `voxel` lies in, with its index.
+    pub(crate) fn find(&self, level: usize, voxel: &Voxel) -> Option<(usize, &Cell)> {
+        let slot = self.slots[self.slot_of(voxel.key(level))];
         if slot[0] == EMPTY {
             return None;
         }
@@ -186,21 +183,6 @@ impl PlaneMap {
     }
 }
 
-/// Level and three signed coordinates of 20 bits; never [`EMPTY`]. `None` beyond 100 km.
-fn key(level: usize, edge: f64, point: &Vector3<f64>) -> Option<u64> {
-    let limit = f64::from(1u32 << (COORDINATE_BITS - 1)) - 1.0;
-    let mut key = 4 | level as u64;
-    for coordinate in point.iter() {
-        let index = (coordinate / edge).floor();
-        // NaN is inside no range.
-        if !(-limit..limit).contains(&index) {
-            return None;
-        }
-        key = (key << COORDINATE_BITS) | ((index + limit) as u64);
-    }
-    Some(key)
-}
-
 /// Fibonacci hashing with the high bits folded down.
 fn hash(key: u64) -> usize {
     let mixed = (key ^ (key >> 32)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -210,6 +192,10 @@ fn hash(key: u64) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn find<'a>(map: &'a PlaneMap, level: usize, point: &Vector3<f64>) -> Option<(usize, &'a Cell)> {
+        map.find(level, &Voxel::of(point)?)
+    }
 
     #[test]
     fn a_full_map_stays_within_its_ceiling_and_finds_all_that_it_holds() {
@@ -233,7 +219,7 @@ mod tests {
         indices.sort_unstable();
         assert_eq!(indices, (0..4096).collect::<Vec<_>>());
         let here = Vector3::new(59.0 * 0.9, 0.0, 0.05);
-        assert!((0..EDGES.len()).all(|level| map.find(level, &here).is_some()));
+        assert!((0..EDGES.len()).all(|level| find(&map, level, &here).is_some()));
     }
 
     #[test]
@@ -245,8 +231,8 @@ mod tests {
             map.next_frame(0, 0);
             map.insert(&Vector3::new(10.0 + f64::from(i), 0.0, 0.0), &Vector3::x());
         }
-        assert!(map.find(0, &start).is_some());
-        assert!(map.find(0, &Vector3::new(1000.0, 0.0, 0.0)).is_none());
+        assert!(find(&map, 0, &start).is_some());
+        assert!(find(&map, 0, &Vector3::new(1000.0, 0.0, 0.0)).is_none());
     }
 
     #[test]
@@ -263,7 +249,7 @@ mod tests {
             }
         };
         let centroid = |map: &PlaneMap| {
-            let (_, cell) = map.find(0, &Vector3::new(2.0, 0.4, 0.4)).unwrap();
+            let (_, cell) = find(map, 0, &Vector3::new(2.0, 0.4, 0.4)).unwrap();
             (cell.section, cell.plane().unwrap().points, cell.plane().unwrap().centroid.x)
         };
         wall(&mut map, 2.0, f64::NAN);
