@@ -104,7 +104,8 @@ impl Filter {
             frame: 0,
             settling: (!start.standing).then_some(Settling::at_start()),
             returning: 0,
-            withheld: 0,
+            // Without a standstill there is no map that is better than what comes.
+            withheld: if start.standing { 0 } else { u32::MAX },
             sections,
         }
     }

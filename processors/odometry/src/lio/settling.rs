@@ -8,8 +8,11 @@ use super::state::{add_variance, at};
 const FRAMES: u32 = 15;
 /// The map of these frames is smeared by a velocity that their deskewing did not know; it is used for so many only.
 const REFRESH: u32 = 5;
-/// Times that it goes on for so many frames more while the velocity is not known to this, m/s (standard deviation): 10 s.
-const MORE: u32 = 20;
+/// Times that it goes on for so many frames more while the velocity is not known to [`KNOWN_VELOCITY`]. At a start that is 50 s: who walks along
+/// a blank wall for so long is carried by the IMU alone, whatever is begun, and before that a corner or a stop comes. After a loss it is 10 s.
+const MORE_AT_START: u32 = 100;
+const MORE_AFTER_LOSS: u32 = 20;
+/// Standard deviation, m/s.
 const KNOWN_VELOCITY: f64 = 0.2;
 /// Errors of velocity and rotation (m/s, rad) between two scans that are smeared differently.
 const SMEARED_VELOCITY: f64 = 0.5;
@@ -38,11 +41,11 @@ pub(crate) enum Scratch {
 
 impl Settling {
     pub(crate) fn at_start() -> Self {
-        Self { frames_left: FRAMES, frames_more: MORE, starting: true }
+        Self { frames_left: FRAMES, frames_more: MORE_AT_START, starting: true }
     }
 
     pub(crate) fn after_loss() -> Self {
-        Self { frames_left: FRAMES, frames_more: MORE, starting: false }
+        Self { frames_left: FRAMES, frames_more: MORE_AFTER_LOSS, starting: false }
     }
 
     /// Counts a frame.
