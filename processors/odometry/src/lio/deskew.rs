@@ -1,5 +1,6 @@
 //! Brings the points of a scan that came as measured to the frame's end (design section 5.3, paper Eq. 6).
 
+use evac_frames::Point;
 use evac_geometry::exp_so3;
 use evac_geometry::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -24,19 +25,33 @@ impl<'a> Deskew<'a> {
 
     /// The point at the frame's end; `stamp_ns` is its own time by the IMU's clock. Points mostly come in order of time.
     pub(crate) fn apply(&mut self, point: &Vector3<f64>, stamp_ns: i64) -> Vector3<f64> {
+        let Some(map_from_imu) = self.map_from_imu(stamp_ns) else { return *point };
+        (self.lidar_from_map * (map_from_imu * (self.imu_from_lidar * Point3::from(*point)))).coords
+    }
+
+    /// The point as it was measured, from where it lies at the end of the frame that begins at `start_ns` by the IMU's clock.
+    pub(crate) fn undo(&mut self, point: &Point, start_ns: i64) -> Point {
+        let Some(map_from_imu) = self.map_from_imu(start_ns + point.offset_ns()) else { return *point };
+        let at_end = Point3::new(f64::from(point.x), f64::from(point.y), f64::from(point.z));
+        let in_map = self.lidar_from_map.inverse_transform_point(&at_end);
+        let measured = (map_from_imu * self.imu_from_lidar).inverse_transform_point(&in_map);
+        point.moved_to(measured.x as f32, measured.y as f32, measured.z as f32)
+    }
+
+    /// Where the IMU was at `stamp_ns` by its clock.
+    fn map_from_imu(&mut self, stamp_ns: i64) -> Option<Isometry3<f64>> {
         while self.trace.get(self.next + 1).is_some_and(|after| after.stamp_ns <= stamp_ns) {
             self.next += 1;
         }
         while self.next > 0 && self.trace.get(self.next).is_some_and(|at| at.stamp_ns > stamp_ns) {
             self.next -= 1;
         }
-        let Some(at) = self.trace.get(self.next) else { return *point };
+        let at = self.trace.get(self.next)?;
         let h = (stamp_ns - at.stamp_ns) as f64 * 1e-9;
-        let map_from_imu = Isometry3::from_parts(
+        Some(Isometry3::from_parts(
             Translation3::from(at.state.position + at.state.velocity * h),
             at.state.rotation * exp_so3(&(at.rate * h)),
-        );
-        (self.lidar_from_map * (map_from_imu * (self.imu_from_lidar * Point3::from(*point)))).coords
+        ))
     }
 }
 
@@ -73,5 +88,39 @@ impl Middle {
         let way = end.position - (at.state.position + at.state.velocity * h);
         let velocity = at.state.velocity + (end.rotation * rate).cross(&way);
         Self { from_end, twist: Twist { velocity, rate } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_that_was_brought_to_the_end_and_back_lies_where_it_was_measured() {
+        let rig = evac_geometry::imu_from_lidar([0.1, -0.2, 0.3], [10.0, -20.0, 30.0]);
+        let state = |time: f64| State {
+            rotation: exp_so3(&Vector3::new(0.3 * time, -0.2, time)),
+            position: Vector3::new(time, 0.5 * time, 0.0),
+            velocity: Vector3::new(1.0, 0.5, 0.0),
+            ..State::at_origin()
+        };
+        let trace: Vec<_> = (0..20)
+            .map(|k| TracePoint {
+                stamp_ns: k * 5_000_000,
+                state: state(k as f64 * 0.005),
+                rate: Vector3::new(0.3, 0.0, 1.0),
+            })
+            .collect();
+        let mut deskew = Deskew::new(&trace, &state(0.1), &rig);
+        for offset_ns in [0, 12_345_670, 99_000_000] {
+            let measured = Vector3::new(4.0, -1.0, 0.5);
+            let at_end = deskew.apply(&measured, offset_ns);
+            assert!(offset_ns > 90_000_000 || (at_end - measured).norm() > 0.1, "{at_end}");
+            let point = Point::new(at_end.x as f32, at_end.y as f32, at_end.z as f32, offset_ns, 100);
+            let back = deskew.undo(&point, 0);
+            assert_eq!(back.packed, point.packed);
+            let back = Vector3::new(f64::from(back.x), f64::from(back.y), f64::from(back.z));
+            assert!((back - measured).norm() < 1e-6, "{back}");
+        }
     }
 }

@@ -165,6 +165,14 @@ impl Filter {
         self.sections.doubt(&mut self.state, &mut self.covariance, &pose);
     }
 
+    /// Begins at a frame's end with an offset between the clocks that is known already.
+    pub(crate) fn assume_offset(&mut self, offset_s: f64, end_ns: i64) {
+        self.state.time_offset_s = offset_s;
+        self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = FOUND_TIME_OFFSET.powi(2);
+        self.stamp_ns = end_ns - self.state.offset_ns();
+        self.started_ns = self.stamp_ns;
+    }
+
     /// Takes a time offset that was found elsewhere. All but the pose was learnt with the wrong one.
     pub(crate) fn set_time_offset(&mut self, offset_s: f64) {
         self.forget();

@@ -152,7 +152,7 @@ impl Lio {
         if scratch == Scratch::Done {
             if settling.starting {
                 filter.rebase(&self.imu_from_lidar);
-                self.still = Vec::new();
+                self.forget_start();
             }
             filter.observe(&Report::default());
             return TrackingState::Degenerate;

@@ -4,7 +4,7 @@
 //! [`filter`] on by the IMU ([`imu`], [`propagation`], [`habit`]), brings points to the frame's end where that was not done ([`deskew`]), matches
 //! them with planes ([`matching`], [`plane_map`], [`voxel`], [`cell`]), corrects ([`correction`], [`joint`]), says what was not observed
 //! ([`degeneracy`]), judges and maps ([`mapping`], [`monitor`], [`settling`], [`sections`]), and reports ([`report`]). The offset between the
-//! clocks is searched for meanwhile ([`scout`], [`offset_search`]). A standby follows another odometry instead ([`follow`]).
+//! clocks is searched for meanwhile ([`scout`], [`offset_search`]), and the way since the start taken again with it ([`retake`]). A standby follows another odometry instead ([`follow`]).
 //!
 //! Mathematics: iterated error-state Kalman filter after Xu et al. 2022 (FAST-LIO2), voxel planes with their uncertainty
 //! after Yuan et al. 2022 (VoxelMap), in the information form of [`correction`] that inverts neither prior nor information.
@@ -34,6 +34,7 @@ mod orientation;
 mod plane_map;
 mod propagation;
 mod report;
+mod retake;
 mod scout;
 mod sections;
 mod settling;

@@ -88,14 +88,15 @@ impl Lio {
         })
     }
 
-    /// Compares what the LiDAR turned by with the gyroscope; a filter that has followed a wrong clock takes the scout's pose.
+    /// Compares what the LiDAR turned by with the gyroscope; a filter that has followed a wrong clock takes the scout's pose. An offset that
+    /// the way is to be taken again with is returned as it was found.
     pub(crate) fn search_offset(
         &mut self,
         filter: &mut Filter,
         scout: &Scout,
         report: &Report,
         frame: &FrameHeader,
-    ) {
+    ) -> Found {
         let fits = report.used as f64 > FITTING_SHARE * report.in_view as f64;
         let attitude = Attitude {
             stamp_ns: middle_ns(frame),
@@ -103,6 +104,9 @@ impl Lio {
             covariance: scout.rotation,
         };
         let found = self.offset_search.push_attitude(attitude, filter.state.time_offset_s, fits);
+        if self.retake.is_possible() && matches!(found, Found::Changed(_)) {
+            return found;
+        }
         let astray = (scout.state.position - filter.state.position).norm() > ASTRAY_POSITION
             || scout.state.rotation.angle_to(&filter.state.rotation) > ASTRAY_ROTATION;
         if scout.is_sure() && (astray || matches!(found, Found::Changed(_))) {
@@ -115,5 +119,6 @@ impl Lio {
             filter.set_time_offset(offset_s);
             filter.stamp_ns = frame.end_ns - filter.state.offset_ns();
         }
+        found
     }
 }

@@ -1,7 +1,7 @@
 //! The stage: one scan with its IMU readings in, one pose out. Before the start it waits for a standstill here; frames
 //! of a running filter are handled in [`super::tracking`].
 
-use evac_frames::{Point, PoseFrame, TrackingState};
+use evac_frames::{MAX_TIME_OFFSET_NS, Point, PoseFrame, TrackingState};
 use evac_geometry::nalgebra::{Isometry3, Vector3};
 use evac_geometry::{MotionState, StandstillDetector};
 use evac_stage::{Counters, PoseOutput, Readiness, Rig, ScanWithImu, Stage, StageConfig, StageError};
@@ -18,6 +18,7 @@ use super::orientation::ScanOrientation;
 use super::plane_map::PlaneMap;
 use super::propagation::TracePoint;
 use super::report::waiting_frame;
+use super::retake::Retake;
 use super::sections::{SectionId, Sections};
 use crate::follow::{self, Following};
 
@@ -72,6 +73,7 @@ pub struct Lio {
     pub(crate) detector: StandstillDetector,
     pub(crate) map: PlaneMap,
     pub(crate) offset_search: OffsetSearch,
+    pub(crate) retake: Retake,
     initialiser: Initialiser,
     /// For the filter, which begins in the middle of a run where nothing may be allocated.
     pub(crate) sections: Option<Sections>,
@@ -114,6 +116,7 @@ impl Stage for Lio {
             detector: StandstillDetector::default(),
             map: PlaneMap::new(config.max_cells as usize, config.range_noise_m),
             offset_search: OffsetSearch::new(),
+            retake: Retake::new(),
             initialiser: Initialiser::new(),
             sections: Some(Sections::new()),
             filter: None,
@@ -178,6 +181,9 @@ impl Lio {
             self.track.clear();
             self.detector = StandstillDetector::default();
             self.offset_search.restart();
+            if self.retake.is_open() {
+                self.forget_start();
+            }
         }
         self.track.extend(input.imu, frame.end_ns, |sample| {
             self.detector.push(sample);
@@ -288,19 +294,14 @@ impl Lio {
             &self.config,
             self.sections.take().unwrap_or_else(Sections::new),
         );
-        let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
-        insert_all(
-            &mut self.map,
-            &map_from_lidar,
-            self.still.iter().map(|point| point.cast()),
-            |_, point| *point,
-        );
-        // A start in motion may yet come to stand.
-        self.still.clear();
+        self.lay_standstill(&filter);
         if start.standing {
-            self.still = Vec::new();
+            self.retake.open(start, frame.end_ns, filter.state.time_offset_s);
+        } else {
+            // It may yet come to stand.
+            self.still.clear();
         }
-        self.track.forget_before(filter.stamp_ns);
+        self.track.forget_before(filter.stamp_ns - MAX_TIME_OFFSET_NS);
         let pose = if start.standing {
             filter.published(frame, &self.imu_from_lidar, &Report::full(), TrackingState::Tracking)
         } else {
@@ -308,6 +309,19 @@ impl Lio {
         };
         self.filter = Some(filter);
         pose
+    }
+
+    /// Makes the map of the standstill's points.
+    pub(crate) fn lay_standstill(&mut self, filter: &Filter) {
+        self.map.clear();
+        self.map.next_frame(filter.sections.current(), filter.sections.drift.current());
+        let map_from_lidar = filter.state.map_from_imu() * self.imu_from_lidar;
+        insert_all(
+            &mut self.map,
+            &map_from_lidar,
+            self.still.iter().map(|point| point.cast()),
+            |_, point| *point,
+        );
     }
 }
 

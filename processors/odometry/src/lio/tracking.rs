@@ -12,6 +12,7 @@ use super::habit::CLIMB_CHANGE;
 use super::imu::Reading;
 use super::information::FALSE;
 use super::matching::{Known, select};
+use super::offset_search::Found;
 use super::propagation::{Noise, TracePoint, propagate};
 use super::stage::{Lio, MAX_POINTS, MAX_SELECTED, valid};
 use super::state::{State, uncouple_places};
@@ -21,9 +22,9 @@ const GATE: &[f64] = &[0.0, 0.0];
 const SETTLING_GATE: &[f64] = &[0.1, 0.05, 0.02];
 const LOST_GATE: &[f64] = &[0.3, 0.2, 0.1, 0.05, 0.02, 0.01];
 /// As [`FALSE`], for a start in motion: its map consists of scans that are half a second old at most, and a wall that fills the view shows up to
-/// 2000 along itself there, all of it false. 1500 started two walks in halls with half a metre per second sideways, from 20000 on some corridors
-/// gave no start for 50 s.
-const FALSE_AT_START: f64 = 5000.0;
+/// 2000 along itself there, all of it false. With 2500 two walks in halls began with half a metre per second sideways; 3500 and 5000
+/// were alike; with 20000 some corridors gave no start for 50 s.
+const FALSE_AT_START: f64 = 4000.0;
 /// A frame at rest has the standstill's mean specific force and angular velocity within this, m/s^2 and rad/s: the onset of a
 /// motion shows here before the detector believes it.
 const REST_ACCEL: f64 = 0.04;
@@ -36,6 +37,15 @@ const LOST_SPEED: f64 = 0.8;
 /// Times that a scan is matched again which the IMU did not cover.
 const LED_ROUNDS: u32 = 2;
 
+/// What a frame led to.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Step {
+    tracking: TrackingState,
+    pub(crate) report: Report,
+    /// An offset between the clocks with which the way since the start is to be taken again.
+    pub(crate) found: Found,
+}
+
 impl Lio {
     pub(crate) fn track_frame(
         &mut self,
@@ -44,59 +54,11 @@ impl Lio {
         counters: &mut Counters,
     ) -> PoseFrame {
         let Some(mut filter) = self.filter.take() else { return PoseFrame::default() };
-        let before = (filter.state, filter.covariance);
-        let is_led = self.predict(&mut filter, input);
-        if is_led {
-            // What carried the pose on was a guess: how it went wrong says nothing about gravity or the sensors.
-            uncouple_places(&mut filter.covariance);
+        let mut step = self.step(&mut filter, input, gap_s, counters);
+        if let Some(offset_s) = self.retake.offset_s(step.found, &filter) {
+            (filter, step) = self.take_again((filter, step), offset_s);
         }
-        let predicted = (filter.state, filter.covariance);
-        self.following.predict((!is_led).then(|| filter.origin_from_imu()));
-        let mut middle = self.middle(&filter, input);
-        if filter.settling.is_some() {
-            // Scans that are smeared by an unknown velocity say nothing about the clocks.
-            middle.twist = Twist::default();
-        }
-        counters.rejected += self.take_points(&filter.state, filter.frame, input);
-        let scout = self.scout(&filter, &middle);
-        self.orient(&filter, &middle, &input.header.frame, is_led);
-        let mut report = self.correct(&mut filter, &middle, is_led);
-        if is_led {
-            // The LiDAR has to find the motion inside the scan too: once more with the points brought to the end by what it found.
-            for _ in 0..LED_ROUNDS {
-                self.trace.clear();
-                self.trace.push(TracePoint::on_the_way(&before.0, &filter.state, filter.stamp_ns, gap_s));
-                self.take_points(&filter.state, filter.frame, input);
-                (filter.state, filter.covariance) = predicted;
-                report = self.correct(&mut filter, &middle, is_led);
-            }
-        }
-        filter.observe(&report);
-        filter.sections.drift.look(self.matches.iter().map(|matched| matched.piece));
-        if let Some(back) = filter.sections.drift.come_back() {
-            filter.sections.displace(&back, &filter.state, &mut filter.covariance);
-        }
-        if !filter.is_finite() {
-            (filter.state, filter.covariance) = before;
-            filter.loosen();
-        }
-        let tracking = match filter.settling {
-            Some(settling) => self.settle(&mut filter, settling, &before.0),
-            None => self.judge(&mut filter, &report, &before.0, &predicted, gap_s),
-        };
-        if let Some(scout) = scout {
-            self.search_offset(&mut filter, &scout, &report, &input.header.frame);
-        }
-        let rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
-        if is_led {
-            filter.habit.miss(&rate);
-        } else {
-            filter.habit.take(gap_s, &filter.state.velocity, &rate);
-            if let Some(off) = filter.habit.off_since_gap(gap_s, &filter.state.velocity) {
-                let up = -filter.state.gravity / filter.state.gravity.norm();
-                filter.expect_climb(off.dot(&up), CLIMB_CHANGE);
-            }
-        }
+        let Step { tracking, report, .. } = step;
         let frame = &input.header.frame;
         let pose = if tracking == TrackingState::Initialising {
             self.approach.restart();
@@ -113,6 +75,72 @@ impl Lio {
         counters.degraded += u64::from(pose.state == TrackingState::Lost as u32);
         self.filter = Some(filter);
         pose
+    }
+
+    /// Takes the filter through a frame.
+    pub(crate) fn step(
+        &mut self,
+        filter: &mut Filter,
+        input: &ScanWithImu<'_>,
+        gap_s: f64,
+        counters: &mut Counters,
+    ) -> Step {
+        let before = (filter.state, filter.covariance);
+        let since_ns = filter.stamp_ns;
+        let is_led = self.predict(filter, input);
+        self.keep(filter, input, gap_s, since_ns);
+        if is_led {
+            // What carried the pose on was a guess: how it went wrong says nothing about gravity or the sensors.
+            uncouple_places(&mut filter.covariance);
+        }
+        let predicted = (filter.state, filter.covariance);
+        self.following.predict((!is_led).then(|| filter.origin_from_imu()));
+        let mut middle = self.middle(filter, input);
+        if filter.settling.is_some() {
+            // Scans that are smeared by an unknown velocity say nothing about the clocks.
+            middle.twist = Twist::default();
+        }
+        counters.rejected += self.take_points(&filter.state, filter.frame, input);
+        let scout = self.scout(filter, &middle);
+        self.orient(filter, &middle, &input.header.frame, is_led);
+        let mut report = self.correct(filter, &middle, is_led);
+        if is_led {
+            // The LiDAR has to find the motion inside the scan too: once more with the points brought to the end by what it found.
+            for _ in 0..LED_ROUNDS {
+                self.trace.clear();
+                self.trace.push(TracePoint::on_the_way(&before.0, &filter.state, filter.stamp_ns, gap_s));
+                self.take_points(&filter.state, filter.frame, input);
+                (filter.state, filter.covariance) = predicted;
+                report = self.correct(filter, &middle, is_led);
+            }
+        }
+        filter.observe(&report);
+        filter.sections.drift.look(self.matches.iter().map(|matched| matched.piece));
+        if let Some(back) = filter.sections.drift.come_back() {
+            filter.sections.displace(&back, &filter.state, &mut filter.covariance);
+        }
+        if !filter.is_finite() {
+            (filter.state, filter.covariance) = before;
+            filter.loosen();
+        }
+        let tracking = match filter.settling {
+            Some(settling) => self.settle(filter, settling, &before.0),
+            None => self.judge(filter, &report, &before.0, &predicted, gap_s),
+        };
+        let found = scout.map_or(Found::Searching, |scout| {
+            self.search_offset(filter, &scout, &report, &input.header.frame)
+        });
+        let rate = log_so3(&(before.0.rotation.inverse() * filter.state.rotation)) / gap_s;
+        if is_led {
+            filter.habit.miss(&rate);
+        } else {
+            filter.habit.take(gap_s, &filter.state.velocity, &rate);
+            if let Some(off) = filter.habit.off_since_gap(gap_s, &filter.state.velocity) {
+                let up = -filter.state.gravity / filter.state.gravity.norm();
+                filter.expect_climb(off.dot(&up), CLIMB_CHANGE);
+            }
+        }
+        Step { tracking, report, found }
     }
 
     /// Corrects the filter by the match of the selected points with the map.
@@ -172,7 +200,8 @@ impl Lio {
         filter.hold_velocity();
         filter.stamp_ns = end_ns;
         // A change of the time offset may ask for them again.
-        self.track.forget_before(end_ns - MAX_TIME_OFFSET_NS);
+        let kept_from_ns = self.retake.begin_ns().map_or(end_ns, |begin_ns| begin_ns.min(end_ns));
+        self.track.forget_before(kept_from_ns - MAX_TIME_OFFSET_NS);
         // Before the map frame is fixed a standstill makes a start of its own.
         let is_slow =
             filter.settling.map_or(filter.state.velocity.norm() < SLOW_SPEED, |settling| !settling.starting);
@@ -193,7 +222,7 @@ impl Lio {
     }
 
     /// Whether the IMU says that the rig has been standing and still does, in the readings since `since_ns`.
-    fn is_at_rest(&self, since_ns: i64) -> bool {
+    pub(crate) fn is_at_rest(&self, since_ns: i64) -> bool {
         let (MotionState::Still, Some(standstill)) = (self.detector.state(), self.detector.standstill())
         else {
             return false;
