@@ -74,6 +74,8 @@ impl Standby for Lio {
 
     fn take_over(&mut self, routed: &PoseFrame) {
         self.approach.restart();
+        // The way so far is another's.
+        self.forget_start();
         let Some(filter) = &mut self.filter else { return };
         let current_from_origin = filter.sections.place(ORIGIN, &filter.state);
         let state = &mut filter.state;

@@ -26,8 +26,16 @@ pub(crate) struct Habit {
     swing: Matrix3<f64>,
     /// Mean square of the angular velocity, IMU frame.
     pub(crate) turning: Matrix3<f64>,
-    /// Mean velocity before the last gap, and since its end the seconds and the way.
-    since_gap: Option<(Vector3<f64>, f64, Vector3<f64>)>,
+    since_gap: Option<SinceGap>,
+}
+
+/// The way since the end of the last gap.
+#[derive(Debug, Clone, Copy)]
+struct SinceGap {
+    /// Mean velocity before the gap.
+    velocity_before: Vector3<f64>,
+    seconds: f64,
+    way: Vector3<f64>,
 }
 
 impl Habit {
@@ -44,18 +52,18 @@ impl Habit {
     /// A frame without an IMU, in which the rig turned at `rate`.
     pub(crate) fn miss(&mut self, rate: &Vector3<f64>) {
         self.rate = *rate;
-        self.since_gap = Some((self.velocity, 0.0, Vector3::zeros()));
+        self.since_gap =
+            Some(SinceGap { velocity_before: self.velocity, seconds: 0.0, way: Vector3::zeros() });
     }
 
     /// Some steps after a gap, once: by how much the velocity has been above the mean before it, in all directions. That is as good as constant, since the
     /// IMU knows how a gait swings; of the vertical the mean is known well.
     pub(crate) fn off_since_gap(&mut self, seconds: f64, velocity: &Vector3<f64>) -> Option<Vector3<f64>> {
-        let (_, since, way) = self.since_gap.as_mut()?;
-        *since += seconds;
-        *way += velocity * seconds;
-        self.since_gap
-            .take_if(|(_, since, _)| *since > STEPS_S)
-            .map(|(before, since, way)| way / since - before)
+        let since = self.since_gap.as_mut()?;
+        since.seconds += seconds;
+        since.way += velocity * seconds;
+        let since = self.since_gap.take_if(|since| since.seconds > STEPS_S)?;
+        Some(since.way / since.seconds - since.velocity_before)
     }
 
     /// Covariance of the velocity at any time about the mean.
