@@ -44,7 +44,10 @@ impl Lio {
             return;
         }
         let diagnostics = &self.diagnostics;
-        let map = diagnostics.map_restarts + diagnostics.losses + diagnostics.sections_returned_to;
+        let map = diagnostics.map_restarts
+            + diagnostics.losses
+            + diagnostics.sections_returned_to
+            + diagnostics.offset_corrections;
         self.orientation = self.match_alone(filter, middle, GATE).map(|scout| ScanOrientation {
             stamp_ns: middle_ns(frame),
             map_from_imu: scout.at_middle,

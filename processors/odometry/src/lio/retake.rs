@@ -5,18 +5,22 @@
 //! through them anew from there with the offset that was found, as often as the search finds a better one.
 
 use evac_frames::{Point, ScanHeader, scan_flags};
+use evac_geometry::nalgebra::Isometry3;
 use evac_stage::{Counters, ScanWithImu};
 
 use super::deskew::Deskew;
 use super::filter::Filter;
 use super::initialisation::Start;
 use super::offset_search::Found;
+use super::propagation::TracePoint;
 use super::stage::Lio;
+use super::state::State;
 use super::tracking::Step;
 
-/// Frames and points that are kept, 10 MB: 6 s of a Mid-40. A search that takes longer corrects the filter where it stands.
+/// What is kept, 10 MB: 6 s of a Mid-40. A search that takes longer corrects the filter where it stands.
 const MAX_FRAMES: usize = 60;
 const MAX_POINTS: usize = 600_000;
+const MAX_TRACE: usize = 40 * MAX_FRAMES;
 
 /// Times that the way is taken at most.
 const MAX_ROUNDS: u32 = 8;
@@ -38,14 +42,19 @@ pub(crate) struct Retake {
     begun_with_s: f64,
     frames: Vec<Kept>,
     points: Vec<Point>,
+    traces: Vec<TracePoint>,
 }
 
 /// One of them.
 #[derive(Debug, Clone, Copy)]
 struct Kept {
     header: ScanHeader,
-    points: usize,
     gap_s: f64,
+    /// How many of the points are its own.
+    points: usize,
+    /// How many instants of the traces are on its way, and where that ended, as it seemed then.
+    trace: usize,
+    end: State,
 }
 
 impl Retake {
@@ -58,6 +67,7 @@ impl Retake {
             begun_with_s: 0.0,
             frames: Vec::with_capacity(MAX_FRAMES),
             points: Vec::with_capacity(MAX_POINTS),
+            traces: Vec::with_capacity(MAX_TRACE),
         }
     }
 
@@ -69,7 +79,7 @@ impl Retake {
     /// There is no way back any more.
     fn close(&mut self) {
         self.start = None;
-        (self.frames, self.points) = (Vec::new(), Vec::new());
+        (self.frames, self.points, self.traces) = (Vec::new(), Vec::new(), Vec::new());
     }
 
     /// The offset that the way is to be taken again with, s, if any: one that the search found, or what the filter ended with if that is not
@@ -99,8 +109,8 @@ impl Retake {
         self.start.map(|(_, end_ns)| end_ns)
     }
 
-    /// Room for a frame of so many points; false where there is none left. As long as the rig stands, the way has not begun.
-    fn make_room(&mut self, points: usize, at_rest: bool) -> bool {
+    /// Room for a frame of so many points and instants; false where there is none left. As long as the rig stands, the way has not begun.
+    fn make_room(&mut self, points: usize, trace: usize, at_rest: bool) -> bool {
         self.has_moved |= !at_rest;
         if let (Some((_, end_ns)), Some(first)) = (&mut self.start, self.frames.first().copied())
             && !self.has_moved
@@ -109,8 +119,27 @@ impl Retake {
             *end_ns = first.header.frame.end_ns;
             self.frames.remove(0);
             self.points.drain(..first.points);
+            self.traces.drain(..first.trace);
         }
-        self.frames.len() < MAX_FRAMES && self.points.len() + points <= MAX_POINTS
+        self.frames.len() < MAX_FRAMES
+            && self.points.len() + points <= MAX_POINTS
+            && self.traces.len() + trace <= MAX_TRACE
+    }
+}
+
+/// Brings points back to where they were measured. The deskewer went by the same readings and the pose before, and so by this way.
+fn undo_deskewing(frames: &mut [Kept], points: &mut [Point], traces: &[TracePoint], rig: &Isometry3<f64>) {
+    let (mut points, mut traces) = (points, traces);
+    for Kept { header, points: own, trace, end, .. } in frames {
+        let (scan, later_points) = points.split_at_mut(*own);
+        let (way, later_traces) = traces.split_at(*trace);
+        (points, traces) = (later_points, later_traces);
+        if header.scan_flags & scan_flags::DESKEWED != 0 {
+            header.scan_flags &= !scan_flags::DESKEWED;
+            let mut deskew = Deskew::new(way, end, rig);
+            let start_ns = header.frame.start_ns - end.offset_ns();
+            scan.iter_mut().for_each(|point| *point = deskew.undo(point, start_ns));
+        }
     }
 }
 
@@ -124,22 +153,14 @@ impl Lio {
             return;
         }
         let at_rest = self.is_at_rest(since_ns);
-        if self.offset_search.is_over() || !self.retake.make_room(input.points.len(), at_rest) {
+        let (points, trace) = (input.points.len(), self.trace.len());
+        if self.offset_search.is_over() || !self.retake.make_room(points, trace, at_rest) {
             self.forget_start();
             return;
         }
-        let Retake { frames, points, .. } = &mut self.retake;
-        let mut header = *input.header;
-        if header.scan_flags & scan_flags::DESKEWED == 0 {
-            points.extend_from_slice(input.points);
-        } else {
-            // The deskewer went by the pose before and the same readings.
-            header.scan_flags &= !scan_flags::DESKEWED;
-            let mut deskew = Deskew::new(&self.trace, &filter.state, &self.imu_from_lidar);
-            let start_ns = header.frame.start_ns - filter.state.offset_ns();
-            points.extend(input.points.iter().map(|point| deskew.undo(point, start_ns)));
-        }
-        frames.push(Kept { header, points: input.points.len(), gap_s });
+        self.retake.points.extend_from_slice(input.points);
+        self.retake.traces.extend_from_slice(&self.trace);
+        self.retake.frames.push(Kept { header: *input.header, gap_s, points, trace, end: filter.state });
     }
 
     /// There is no way back to the start any more, nor need for its points.
@@ -152,8 +173,9 @@ impl Lio {
     pub(crate) fn take_again(&mut self, taken: Taken, mut offset_s: f64) -> Taken {
         let Some((start, end_ns)) = self.retake.start else { return taken };
         let (mut filter, mut last) = taken;
-        let (frames, points) =
+        let (mut frames, mut points) =
             (std::mem::take(&mut self.retake.frames), std::mem::take(&mut self.retake.points));
+        undo_deskewing(&mut frames, &mut points, &self.retake.traces, &self.imu_from_lidar);
         self.retake.is_on = true;
         loop {
             self.diagnostics.offset_corrections += 1;
@@ -166,15 +188,10 @@ impl Lio {
             self.lay_standstill(&filter);
             let mut to_come = points.as_slice();
             for kept in &frames {
-                let (own, others) = to_come.split_at(kept.points.min(to_come.len()));
-                to_come = others;
-                let input = ScanWithImu {
-                    header: &kept.header,
-                    points: own,
-                    imu: &[],
-                    imu_covers: true,
-                    prior: None,
-                };
+                let (points, later) = to_come.split_at(kept.points);
+                to_come = later;
+                let header = &kept.header;
+                let input = ScanWithImu { header, points, imu: &[], imu_covers: true, prior: None };
                 last = self.step(&mut filter, &input, kept.gap_s, &mut Counters::default());
                 if self.retake.is_possible() && matches!(last.found, Found::Changed(_)) {
                     break;
@@ -193,10 +210,11 @@ impl Lio {
 #[cfg(test)]
 mod tests {
     use evac_frames::FrameHeader;
+    use evac_geometry::nalgebra::Vector3;
 
     use super::super::config::LioConfig;
     use super::super::sections::Sections;
-    use super::super::state::{Covariance, State};
+    use super::super::state::Covariance;
     use super::*;
 
     const FRAME_NS: i64 = 100_000_000;
@@ -211,11 +229,15 @@ mod tests {
         }
     }
 
+    fn instant() -> TracePoint {
+        TracePoint { stamp_ns: 0, state: State::at_origin(), rate: Vector3::zeros() }
+    }
+
     /// Keeps frames of `points` points, each named after its frame, until there is no room; returns how many.
     fn keep(retake: &mut Retake, from: usize, count: usize, points: usize, at_rest: bool) -> usize {
         let mut kept = 0;
         for number in from..from + count {
-            if !retake.make_room(points, at_rest) {
+            if !retake.make_room(points, 20, at_rest) {
                 break;
             }
             let end_ns = (number as i64 + 1) * FRAME_NS;
@@ -224,7 +246,9 @@ mod tests {
                 ..Default::default()
             };
             retake.points.extend((0..points).map(|_| Point::new(number as f32, 0.0, 0.0, 0, 0)));
-            retake.frames.push(Kept { header, points, gap_s: 0.1 });
+            retake.traces.extend((0..20).map(|_| instant()));
+            let end = State::at_origin();
+            retake.frames.push(Kept { header, gap_s: 0.1, points, trace: 20, end });
             kept += 1;
         }
         kept
@@ -238,6 +262,7 @@ mod tests {
         assert_eq!(keep(&mut retake, 1000, 20, 100, false), 20);
         let first = retake.frames[0].header.frame;
         assert_eq!((retake.frames.len(), retake.points.len()), (LEAD + 20, (LEAD + 20) * 100));
+        assert_eq!(retake.traces.len(), (LEAD + 20) * 20);
         assert_eq!(first.start_ns, (1000 - LEAD as i64) * FRAME_NS);
         assert_eq!(retake.begin_ns(), Some(first.start_ns));
         assert_eq!(f64::from(retake.points[0].x), 1000.0 - LEAD as f64);
