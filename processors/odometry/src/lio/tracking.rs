@@ -41,8 +41,8 @@ const LED_ROUNDS: u32 = 2;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Step {
     tracking: TrackingState,
-    pub(crate) report: Report,
-    /// An offset between the clocks with which the way since the start is to be taken again.
+    report: Report,
+    /// What the search for the offset between the clocks came to, see [`super::retake`].
     pub(crate) found: Found,
 }
 
