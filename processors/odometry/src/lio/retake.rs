@@ -17,7 +17,8 @@ use super::stage::Lio;
 use super::state::State;
 use super::tracking::Step;
 
-/// What is kept, 10 MB: 6 s of a Mid-40. A search that takes longer corrects the filter where it stands.
+/// What is kept, 10 MB: 6 s of a Mid-40. By then the filter has mostly found by itself what a search has not; one that takes longer corrects
+/// it where it stands.
 const MAX_FRAMES: usize = 60;
 const MAX_POINTS: usize = 600_000;
 const MAX_TRACE: usize = 40 * MAX_FRAMES;
@@ -82,11 +83,11 @@ impl Retake {
         (self.frames, self.points, self.traces) = (Vec::new(), Vec::new(), Vec::new());
     }
 
-    /// The offset that the way is to be taken again with, s, if any: one that the search found, or what the filter ended with if that is not
-    /// what it began with.
+    /// The offset that the way is to be taken again with, s, if any: one that the search found or, once it is over or no more is kept, the filter
+    /// itself.
     pub(crate) fn offset_s(&self, found: Found, filter: &Filter) -> Option<f64> {
         let own_s = filter.state.time_offset_s;
-        let is_due = self.rounds > 0 || found == Found::Settled;
+        let is_due = self.rounds > 0 || found == Found::Settled || self.frames.len() == MAX_FRAMES;
         let is_stale = is_due && (own_s - self.begun_with_s).abs() > STALE_S;
         match found {
             _ if !self.is_possible() => None,
@@ -288,6 +289,9 @@ mod tests {
         retake.open(&start(), 0, 0.0);
         filter.state.time_offset_s = 2.0 * STALE_S;
         assert_eq!(retake.offset_s(Found::Searching, &filter), None);
+        keep(&mut retake, 0, MAX_FRAMES, 1, false);
+        assert_eq!(retake.offset_s(Found::Searching, &filter), Some(2.0 * STALE_S));
+        retake.frames.clear();
         assert_eq!(retake.offset_s(Found::Changed(0.03), &filter), Some(0.03));
         assert_eq!(retake.offset_s(Found::Settled, &filter), Some(2.0 * STALE_S));
         filter.state.time_offset_s = 0.5 * STALE_S;
