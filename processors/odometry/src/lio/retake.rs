@@ -1,8 +1,8 @@
 //! The way since the start over again, once the offset between the clocks has been found.
 //!
 //! Until then scans are brought to their ends, and the pose is carried on, by readings of another time: in a rig that shakes, 80 ms make
-//! degrees, and what is mapped from there stays askew. So the scans since the standstill are kept as they were measured, and the filter goes
-//! through them anew from there with the offset that was found, as often as the search finds a better one.
+//! degrees, and what is mapped from there stays askew. So the scans since the standstill are kept, and the filter goes from there through
+//! all of them anew, as they were measured, with the offset that was found, as often as a better one is found.
 
 use evac_frames::{Point, ScanHeader, scan_flags};
 use evac_geometry::nalgebra::Isometry3;
