@@ -9,7 +9,7 @@ use super::joint::{Joint, SEEN, seen_columns, seen_rows};
 use super::matching::{Known, Match, Search, Selected, associate};
 use super::offset::{PoseCovariance, pose_by_offset};
 use super::sections::SectionId;
-use super::state::{Covariance, Error, State, at};
+use super::state::{Covariance, Error, State, at, largest_sigma};
 
 /// An older section must have one match in so many to be returned to.
 const ANCHOR_SHARE: usize = 3;
@@ -85,9 +85,7 @@ pub(crate) fn correct(
     let p_seen = seen_rows(&p_columns);
     let mut report = Report { selected: selected.len(), ..Report::default() };
     let predicted: PoseCovariance = p_seen.fixed_view::<6, 6>(0, 0).into_owned();
-    let is_dark = gate.doubts_walls
-        && predicted.fixed_view::<3, 3>(at::POSITION, at::POSITION).symmetric_eigenvalues().max().sqrt()
-            > DARK;
+    let is_dark = gate.doubts_walls && largest_sigma(&predicted, at::POSITION) > DARK;
     let mut d = Error::zeros();
     let mut last = None;
     for iteration in 0..gate.floors.len() + REFINEMENTS {
@@ -169,23 +167,13 @@ fn accumulate(
         let alone = sum.marginalised(&place);
         total.add(&alone);
         match sections.clone_of(id, state) {
-            Some((slot, apart)) if largest_sigma(&place) < KNOWN_PLACE => {
+            Some((slot, apart)) if largest_sigma(&place, at::POSITION) < KNOWN_PLACE => {
                 joint.add_displaced(&sum.marginalised(&apart), slot, &by_offset);
             }
             _ => joint.add(&alone),
         }
     }
     (total, joint)
-}
-
-/// Largest standard deviation of the position, metres.
-fn largest_sigma(pose: &PoseCovariance) -> f64 {
-    pose.fixed_view::<3, 3>(at::POSITION, at::POSITION)
-        .into_owned()
-        .symmetric_eigenvalues()
-        .max()
-        .max(0.0)
-        .sqrt()
 }
 
 /// Squared pose correction in units of its predicted covariance, per degree of freedom (design section 4).

@@ -14,7 +14,7 @@ use super::offset::PoseCovariance;
 use super::report::{lidar_covariance, pose_frame, sigma_us, waiting_frame};
 use super::sections::Sections;
 use super::settling::Settling;
-use super::state::{Covariance, DIM, MOVING, State, add_variance, at, copy_places};
+use super::state::{Covariance, DIM, MOVING, State, add_variance, at, copy_places, largest_sigma};
 
 /// What each frame of a loss adds to the uncertainty: rotation (1 degree), velocity (m/s), position (m). The motion is then free
 /// to follow the match alone.
@@ -166,20 +166,23 @@ impl Filter {
     }
 
     /// Begins at a frame's end with an offset between the clocks that is known already.
-    pub(crate) fn assume_offset(&mut self, offset_s: f64, end_ns: i64) {
-        self.state.time_offset_s = offset_s;
-        self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = FOUND_TIME_OFFSET.powi(2);
-        self.stamp_ns = end_ns - self.state.offset_ns();
+    pub(crate) fn begin_with_offset(&mut self, offset_s: f64, end_ns: i64) {
+        self.put_offset(offset_s, end_ns);
         self.started_ns = self.stamp_ns;
     }
 
-    /// Takes a time offset that was found elsewhere. All but the pose was learnt with the wrong one.
-    pub(crate) fn set_time_offset(&mut self, offset_s: f64) {
+    /// Takes an offset between the clocks that was found elsewhere, at a frame's end. All but the pose was learnt with the wrong one.
+    pub(crate) fn correct_offset(&mut self, offset_s: f64, end_ns: i64) {
         self.forget();
-        self.state.time_offset_s = offset_s;
-        self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = FOUND_TIME_OFFSET.powi(2);
+        self.put_offset(offset_s, end_ns);
         add_variance(&mut self.covariance, at::VELOCITY, CARRIED_VELOCITY.powi(2));
         self.loosen();
+    }
+
+    fn put_offset(&mut self, offset_s: f64, end_ns: i64) {
+        self.state.time_offset_s = offset_s;
+        self.covariance[(at::TIME_OFFSET, at::TIME_OFFSET)] = FOUND_TIME_OFFSET.powi(2);
+        self.stamp_ns = end_ns - self.state.offset_ns();
     }
 
     /// Goes back to what was known of sensors and gravity at the start; pose and velocity stay, but nothing is known of how good
@@ -349,11 +352,6 @@ impl Filter {
 /// Largest standard deviation of the position within the present section, metres.
 pub(crate) fn position_sigma(covariance: &Covariance) -> f64 {
     largest_sigma(covariance, at::POSITION)
-}
-
-fn largest_sigma(covariance: &Covariance, index: usize) -> f64 {
-    let block = covariance.fixed_view::<3, 3>(index, index).into_owned();
-    block.symmetric_eigenvalues().max().max(0.0).sqrt()
 }
 
 /// A misaligned IMU sees gravity where it is not: in the map both are off together, by `g = -R M f` with `M = Exp(m)`.

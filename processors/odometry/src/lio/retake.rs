@@ -144,16 +144,13 @@ fn undo_deskewing(frames: &mut [Kept], points: &mut [Point], traces: &[TracePoin
     }
 }
 
-/// A filter after a frame, and what the frame led to.
-pub(crate) type Taken = (Filter, Step);
-
 impl Lio {
     /// Keeps the scan while there may be a way back; `filter` is the prediction of its end from `since_ns` on, by the IMU's clock.
     pub(crate) fn keep(&mut self, filter: &Filter, input: &ScanWithImu<'_>, gap_s: f64, since_ns: i64) {
         if !self.retake.is_open() || self.retake.is_on {
             return;
         }
-        let at_rest = self.is_at_rest(since_ns);
+        let at_rest = !self.retake.has_moved && self.is_at_rest(since_ns);
         let (points, trace) = (input.points.len(), self.trace.len());
         if self.offset_search.is_over() || !self.retake.make_room(points, trace, at_rest) {
             self.forget_start();
@@ -171,9 +168,14 @@ impl Lio {
     }
 
     /// Goes from the start through all frames kept, with this offset between the clocks, s, or with a better one that is found on the way.
-    pub(crate) fn take_again(&mut self, taken: Taken, mut offset_s: f64) -> Taken {
-        let Some((start, end_ns)) = self.retake.start else { return taken };
-        let (mut filter, mut last) = taken;
+    /// Returns the filter after the last of them, and what that led to.
+    pub(crate) fn take_again(
+        &mut self,
+        mut filter: Filter,
+        mut last: Step,
+        mut offset_s: f64,
+    ) -> (Filter, Step) {
+        let Some((start, end_ns)) = self.retake.start else { return (filter, last) };
         let (mut frames, mut points) =
             (std::mem::take(&mut self.retake.frames), std::mem::take(&mut self.retake.points));
         undo_deskewing(&mut frames, &mut points, &self.retake.traces, &self.imu_from_lidar);
@@ -185,7 +187,7 @@ impl Lio {
             let Filter { mut sections, .. } = filter;
             sections.clear();
             filter = Filter::new(&start, end_ns, &self.config, sections);
-            filter.assume_offset(offset_s, end_ns);
+            filter.begin_with_offset(offset_s, end_ns);
             self.lay_standstill(&filter);
             let mut to_come = points.as_slice();
             for kept in &frames {

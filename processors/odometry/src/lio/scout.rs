@@ -116,8 +116,7 @@ impl Lio {
         }
         if let Found::Changed(offset_s) = found {
             self.diagnostics.offset_corrections += 1;
-            filter.set_time_offset(offset_s);
-            filter.stamp_ns = frame.end_ns - filter.state.offset_ns();
+            filter.correct_offset(offset_s, frame.end_ns);
         }
         found
     }

@@ -154,6 +154,12 @@ impl State {
     }
 }
 
+/// Largest standard deviation of the three errors from `index` on, in any direction.
+pub(crate) fn largest_sigma<const N: usize>(covariance: &SMatrix<f64, N, N>, index: usize) -> f64 {
+    let block = covariance.fixed_view::<3, 3>(index, index).into_owned();
+    block.symmetric_eigenvalues().max().max(0.0).sqrt()
+}
+
 /// Adds `variance` to three diagonal entries from `index` on.
 pub(crate) fn add_variance(covariance: &mut Covariance, index: usize, variance: f64) {
     for i in index..index + 3 {

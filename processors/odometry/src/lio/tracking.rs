@@ -56,7 +56,7 @@ impl Lio {
         let Some(mut filter) = self.filter.take() else { return PoseFrame::default() };
         let mut step = self.step(&mut filter, input, gap_s, counters);
         if let Some(offset_s) = self.retake.offset_s(step.found, &filter) {
-            (filter, step) = self.take_again((filter, step), offset_s);
+            (filter, step) = self.take_again(filter, step, offset_s);
         }
         let Step { tracking, report, .. } = step;
         let frame = &input.header.frame;
