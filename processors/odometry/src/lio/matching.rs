@@ -112,9 +112,9 @@ pub(crate) fn associate(
         let beam = rotation * candidate.beam;
         let (mut seen, mut known) = (false, false);
         let mut best: Option<(f64, Match)> = None;
-        let voxel = Voxel::of(&point);
+        let Some(voxel) = Voxel::of(&point) else { continue };
         for level in 0..EDGES.len() {
-            let Some((index, cell)) = voxel.and_then(|voxel| map.find(level, &voxel)) else { continue };
+            let Some((index, cell)) = map.find(level, &voxel) else { continue };
             known = level + 1 == EDGES.len() && cell.is_ripe();
             let Some(plane) = cell.plane() else { continue };
             if cell.section != here && cell.section != recent.0 {
